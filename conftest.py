@@ -33,11 +33,11 @@ def as_a_reader_would_run_it(request: pytest.FixtureRequest, monkeypatch: pytest
     if (example := getattr(request.node, "dtest", None)) is None:
         return
     import sdhj.solving
-    from sdhj.certified.explaining import scanty
-    from sdhj.simulation.played import judged_at_the_end
+    from sdhj.certified.explaining import scanty_finding
+    from sdhj.simulation.played import check_by_runs
 
     example.globs.clear()
     if "With the robot on a line" in example.docstring:
         example.globs.update(robot_on_a_line())
-    monkeypatch.setattr(sdhj.solving, "judged_at_the_end", judged_at_the_end)  # which tests/conftest.py leaves out
-    monkeypatch.setattr(sdhj.solving, "scanty", scanty)
+    monkeypatch.setattr(sdhj.solving, "check_by_runs", check_by_runs)  # which tests/conftest.py leaves out
+    monkeypatch.setattr(sdhj.solving, "scanty_finding", scanty_finding)

@@ -105,7 +105,7 @@ def seconds_of_a_thread(problem: ReachAvoidProblem, method: Method) -> float:
         began = time.process_time()
         sets = method.sets(problem, progress=False)  # constraints and avoid tubes
         for step in range(problem.steps + 1):
-            sets.goal(step)
+            sets.write_goal(step)
         ready, spent = time.process_time(), [time.process_time()]
         while spent[-1] - ready < ENOUGH and len(spent) <= problem.steps:
             sets.extend(problem.steps - len(spent), 1)

@@ -50,8 +50,8 @@ from sdhj.table.files import (
     TEMPORARIES,
     VERSION,
     arrays_in,
-    header,
-    opened,
+    opened_table,
+    read_head,
     replaced_whole,
     writable_file,
 )
@@ -243,7 +243,7 @@ def info(table: Path) -> None:
         head = head_of_store(table)[0]
         mathematics = in_mathematics(head, functions_of(table))
     else:
-        with opened(table) as (head, file):
+        with opened_table(table) as (head, file):
             mathematics = in_mathematics(head, arrays_in(file))
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
@@ -256,7 +256,9 @@ def info(table: Path) -> None:
     much = f"{len(head['inputs'])} inputs, view-time {head['view_time']}"
     click.echo(f"  {steps} steps of {head['delta']:g} s{lasting}, {much}")
     if head["sensing"]:
-        click.echo("  sensing: " + ", ".join(f"{name} {value}" for name, value in head["sensing"].told.items()))
+        click.echo(
+            "  sensing: " + ", ".join(f"{name} {value}" for name, value in head["sensing"].entry_in_head.items())
+        )
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {head['digest']}")
     for line in mathematics:
@@ -346,7 +348,7 @@ def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, e
 
     ValueError if the table is not certified; otherwise the errors of `sdhj.load`.
     """
-    if header(table)["method"] != "certified":
+    if read_head(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
         raise ValueError(f"{table} contains interpolated tubes, which have no proof; {how}")
     began, given = time.perf_counter(), None if problem is None else user_problem(problem)

@@ -23,7 +23,7 @@ from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import whole
 from sdhj.problem.cost import Meter, begin
 from sdhj.problem.describing import arrays_of
-from sdhj.problem.memory import available, require
+from sdhj.problem.memory import available, require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.played import played
 from sdhj.solver.avoid import dangers
@@ -32,7 +32,7 @@ from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, in_slabs, reach_halo, slab_window, time_steps
-from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
+from sdhj.table.files import VERSION, Named, TableFileError, make_head
 from sdhj.table.store import (
     STORE_FORMAT,
     Store,
@@ -76,7 +76,7 @@ def solve_stored(
         if again := resume and path.exists():
             store, head, _ = opened_store(path, problem)
             plan = planned(problem, method, cut_of(store, head, method))
-            store.check(list(store.entered))
+            store.check(list(store.finished_slabs))
         else:
             require_free_name(path)
             plan = planned(problem, method, room=slab_memory(memory, client))
@@ -91,7 +91,7 @@ def solve_stored(
             There the games themselves move it.
             """
             if client is not None:
-                meter.tick(number * meter.each / plan.layout.slabs)
+                meter.tick(number * meter.operations_per_tube / plan.layout.slabs)
 
         sets = GridSets(problem, method, None, Slabs(plan, store, runner(plan, store, client), slabs_done))
         meter.tube()
@@ -156,7 +156,7 @@ def storable_method(problem: ReachAvoidProblem, method: Method, resume: Any, cli
         'games="joint"': isinstance(method, HJI) and method.games == "joint",
         "steps=None": problem.steps is None,
         "sensing": problem.sensing,
-        "dynamics that depend on time": problem.dynamics.timed,
+        "dynamics that depend on time": problem.dynamics.depends_on_time,
         "safe ends": problem.grid.has("frees"),
     }
     if reason := next((reason for reason, applies in reasons.items() if applies), None):
@@ -213,7 +213,7 @@ def planned(
         plan = replace(plan, width=-(-shape[axis] // slabs))
     if plan.layout.slabs > 1:
         problem.forget_samples()  # what has been sampled of the whole grid is neither kept nor sent
-    require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
+    require_memory(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
             f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {plan.halo} beside it on "
@@ -226,10 +226,10 @@ def task_bytes(plan: Plan) -> int:
     """An upper bound on the bytes that one task of a plan takes at its peak, besides what the process takes anyway."""
     problem, layout = plan.problem, plan.layout
     item, count = np.dtype(plan.dtype).itemsize, len(problem.inputs)
-    reaching, middle = plan.make(problem), (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
+    reaching, middle = plan.make_games(problem), (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
     windows, tubes = [plan.window(middle)[0]], 0
     if isinstance(reaching, HJIGames) and reaching.shifted:
-        windows[0] = windows[0].continued(reaching.moving_grid[1])
+        windows[0] = windows[0].extended(reaching.moving_grid[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in layout.runs(kind, 0))
         for game in games:
@@ -253,7 +253,7 @@ def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
     It differs from that of a file in having no details of the solve, and the entries "store", "options", "dtype", "cut"
     and "avoid_axes".
     """
-    head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
+    head = make_head(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
         "dtype": plan.dtype,

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
 
-from sdhj.certified.explaining import scanty
+from sdhj.certified.explaining import scanty_finding
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
@@ -17,7 +17,7 @@ from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
 from sdhj.problem.findings import Finding, findings, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.suspected import suspicions
-from sdhj.simulation.played import judged_at_the_end, played
+from sdhj.simulation.played import check_by_runs, played
 from sdhj.solver.avoid import dangers
 from sdhj.solver.former import Former
 from sdhj.solver.methods import HJI, HopfLax, Method
@@ -25,7 +25,7 @@ from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, TubeSets, recursion
 from sdhj.solver.resolution import check_sets
 from sdhj.table.batches import Table
-from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
+from sdhj.table.files import arrays_in, opened_table, problem_of_file, require_entries
 from sdhj.table.keeping import Kept
 from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
@@ -126,7 +126,7 @@ def solve(
     with announced(progress), findings() as found:
         tell(*suspicions(problem))
         sets = _filled(problem, method, progress, most)
-        table = _handed_out(sets.finish({"seconds": time.perf_counter() - started}), method)
+        table = _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), method)
         said = _simulated_at_the_end(table) if play else {}
         said |= {"findings": [list(one[:3]) for one in found]} if found else {}
         return replace(cast(Any, table), details=dict(table.details) | said) if said else table
@@ -205,7 +205,7 @@ def resolve(
     started = time.perf_counter()
     with announced(progress):
         sets = _filled(problem, chosen, progress, most, former)
-        return _handed_out(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
+        return _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
 
 
 def _require_problem(problem: Any) -> None:
@@ -214,13 +214,13 @@ def _require_problem(problem: Any) -> None:
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
 
 
-def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:
+def _prepared_for_users(table: Table, method: Method, former: Former | None = None) -> Table:
     """A copy of the table as users get it: with a `player`, which simulates its runs, and with what `resolve` needs.
 
     Only a `LookupTable` has the latter (`Kept`): the method and, if `former` is given, the avoid tubes of each set and
     the solutions of the PDE that it has collected in this solve.
     """
-    kept = Kept(method, former.each, former.still) if former else Kept(method)
+    kept = Kept(method, former.avoid_tubes_by_danger, former.frame_solutions) if former else Kept(method)
     fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
     return cast(Table, replace(cast(Any, table), player=played, **fields))
 
@@ -234,8 +234,8 @@ def _simulated_at_the_end(table: Table) -> dict[str, Any]:
     """
     try:
         if isinstance(table, CertifiedTable):
-            tell(scanty(table))
-        return {} if table.proved else judged_at_the_end(table)
+            tell(scanty_finding(table))
+        return {} if table.proved else check_by_runs(table)
     except Warning:  # where the caller made warnings errors
         raise
     except (Exception, KeyboardInterrupt) as error:
@@ -359,7 +359,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
     if isinstance(path, str | os.PathLike) and is_store(path):
         return load_stored(path, problem, player=played)
-    with opened(path) as (head, file):
+    with opened_table(path) as (head, file):
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
         require_entries(head, file)
         problem = problem_of_file(path, head, arrays_in(file), problem)

@@ -40,8 +40,8 @@ gc.set_threshold(100_000)
 # As many threads as a test asks for, however busy the machine is.
 free_cores, compiling.free_cores = compiling.free_cores, lambda: os.cpu_count() or 1
 
-judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table: {}
-scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: None
+check_by_runs, sdhj.solving.check_by_runs = sdhj.solving.check_by_runs, lambda table: {}
+scanty_finding, sdhj.solving.scanty_finding = sdhj.solving.scanty_finding, lambda table: None
 
 
 made_while_collecting: list[bool] = []
@@ -70,8 +70,8 @@ def cores_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
 @pytest.fixture
 def solves_are_played(monkeypatch: pytest.MonkeyPatch) -> None:
     """What `solve` does at its end, as users have it: tests that are about something else save its time."""
-    monkeypatch.setattr(sdhj.solving, "judged_at_the_end", judged_at_the_end)
-    monkeypatch.setattr(sdhj.solving, "scanty", scanty)
+    monkeypatch.setattr(sdhj.solving, "check_by_runs", check_by_runs)
+    monkeypatch.setattr(sdhj.solving, "scanty_finding", scanty_finding)
 
 
 @pytest.fixture(autouse=True)

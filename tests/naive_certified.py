@@ -278,7 +278,7 @@ def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
             return
         chosen, velocity = chosen_inputs(table, states, step, rng), np.empty_like(states)
         for piece in range(pieces):
-            sign = rng.choice([-1.0, 1.0], (len(states), dynamics.adversaries))
+            sign = rng.choice([-1.0, 1.0], (len(states), dynamics.disturbance_dim))
             for part in range(fine):
                 for j in np.unique(chosen):
                     own = chosen == j

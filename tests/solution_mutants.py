@@ -61,9 +61,7 @@ class Mutant:
         return str(self.check.number)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Changes of code
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- changes of code
 
 
 def dropped(node: ast.AST) -> Iterator[ast.AST]:
@@ -139,9 +137,7 @@ def told(node: ast.AST) -> str:
     return f"`{ast.unparse(node)}`" if not isinstance(node, ast.comprehension) else f"`{ast.unparse(node).strip()}`"
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Changes of results
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- changes of results
 
 
 def scaled(value: Any, up: int, down: int) -> Any:
@@ -176,9 +172,7 @@ def turned_round(answer: Any) -> Any:
     return update_wrapper(opposite, answer)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Mutants of a chapter
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- mutants of a chapter
 
 
 def names_in(tree: ast.AST) -> set[str]:
@@ -281,9 +275,7 @@ def played(mutant: Mutant, seconds: float = PATIENCE) -> tuple[str, str]:
     return ("accepted" if verdict else "refused"), str(verdict)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# What is the same answer
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- what is the same answer
 
 SIGN = "only the sign is asked for"
 EQUIVALENT: dict[str, dict[str, str]] = {  # exercise -> what was changed, "…" for anything -> why it is the same

@@ -159,7 +159,7 @@ def states_of(problem: ReachAvoidProblem, count: int, rng: np.random.Generator) 
 def test_boxes_are_those_of_the_slow_twin(name: str, rng: np.random.Generator) -> None:
     """Anywhere, on nodes, on walls and whole turns away; and of some rows alone."""
     problem = PROBLEMS[name]()
-    for step in range(problem.steps if problem.dynamics.timed else 1):
+    for step in range(problem.steps if problem.dynamics.depends_on_time else 1):
         states, rows = states_of(problem, 200, rng), rng.permutation(200)[:60]
         (told_low, told_high), begin = problem.interval(step).reachable_boxes(states[rows]), problem.delta * step
         assert told_low.shape == told_high.shape == (60, len(problem.inputs), problem.grid.ndim)
@@ -229,16 +229,16 @@ def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
         scores = rng.integers(0, 3, (2000, len(table.problem.inputs))).astype(float)
         for one in (scores, None):
             fast, slow = (table.answers(states, step, within, one) for _ in range(2))
-            Table._decide(
+            Table._fill_in_and_check(
                 table, slow, slow.margins if one is None else one, TRUE_SETS_TOO, np.arange(2000)
             )  # into the same arrays
             for field in ("steps_to_go", "safe", "margins", "best"):
                 np.testing.assert_array_equal(getattr(fast, field), getattr(slow, field))
         if step < table.steps:
             inputs, left = rng.integers(0, len(table.problem.inputs), 2000), rng.integers(0, 2, 2000)
-            found = table.passes(states, inputs, step, left)
-            monkeypatch.setattr(LookupTable, "_decide", Table._decide)
-            np.testing.assert_array_equal(found, table.passes(states, inputs, step, left))
+            found = table.passes_true_sets(states, inputs, step, left)
+            monkeypatch.setattr(LookupTable, "_fill_in_and_check", Table._fill_in_and_check)
+            np.testing.assert_array_equal(found, table.passes_true_sets(states, inputs, step, left))
             monkeypatch.undo()
             assert found.any() and not found.all()
 

@@ -60,7 +60,7 @@ def test_a_table_is_that_of_components_along_the_sides(method):
 def test_the_sides_are_the_adversary_s_and_files_have_them(tmp_path):
     table = sdhj.solve(room(bounds=sdhj.Ball(0.2)), play=False)
     table.save(tmp_path / "table.h5")
-    assert sdhj.load(tmp_path / "table.h5", problem=room(bounds=sdhj.Ball(0.2))).problem.dynamics.adversaries == 4
+    assert sdhj.load(tmp_path / "table.h5", problem=room(bounds=sdhj.Ball(0.2))).problem.dynamics.disturbance_dim == 4
     run = sdhj.simulate(sdhj.Controller(table), [0.5, 0.1], seed=1)
     assert run.disturbances.shape[1] == 4
 
@@ -132,7 +132,7 @@ def test_a_ball_whose_disturbance_enters_nonlinearly_is_the_ball_itself(radius, 
     problem = room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(radius)))
     field, q = problem.dynamics, rng.uniform(-1.0, 1.0, (1, 2))
     r = radius if isinstance(radius, float) else radius(q, SPEEDS[1])[0]
-    assert field.adversaries == 2 and field.cuts((0, 1)) == (8, 8)
+    assert field.disturbance_dim == 2 and field.pieces_of_components((0, 1)) == (8, 8)
     w = rng.uniform(-1.0, 1.0, (300, 2)) * field.bounds_at(1)
     pushes = np.array([field.velocity_at(q, 1, one, 0.0)[0] for one in w]) - SPEEDS[1]
     far = np.linalg.norm(pushes, axis=1)

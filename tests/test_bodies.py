@@ -8,7 +8,7 @@ from naive_maps import to_polygon
 
 import sdhj
 from sdhj import Body, UnsafeSet
-from sdhj.problem.bodies import body_level_set, cover
+from sdhj.problem.bodies import body_level_set, covering_disks
 
 ROBOT = [[-0.3, -0.25], [0.9, -0.25], [0.9, 0.25], [-0.3, 0.25]]
 SHAPES = {
@@ -101,7 +101,7 @@ def test_what_moves_is_swept():
     "shape", [ROBOT, SHAPES["segment"], [[0, 0], [0.8, 0], [0.8, 0.3], [0.3, 0.3], [0.3, 0.9], [0, 0.9]]]
 )
 def test_disks_cover_a_body_and_reach_no_farther_than_allowed(shape, tolerance):
-    disks, rng = cover(Body(shape), tolerance), np.random.default_rng(0)
+    disks, rng = covering_disks(Body(shape), tolerance), np.random.default_rng(0)
     body = shapely.Polygon(shape) if len(shape) > 2 else shapely.LineString(shape)
     union = shapely.union_all([shapely.Point(x, y).buffer(r, quad_segs=256) for x, y, r in disks])
     assert body.difference(union).area < 1e-12 and body.difference(union).length < 1e-12
@@ -135,7 +135,7 @@ def test_what_is_no_footprint_is_refused():
     with pytest.raises(ValueError, match="must return x, y and heading"):
         UnsafeSet.disk([0, 0], 1, footprint=Body(ROBOT, pose=lambda q, t: q[:, 0]))
     with pytest.raises(ValueError, match="allow a greater tolerance"):
-        cover(Body(ROBOT), 1e-4)
+        covering_disks(Body(ROBOT), 1e-4)
     with pytest.raises(ValueError, match="lower must be below upper"):
         UnsafeSet.box([0, 0], [0, 1])
     with pytest.raises(ValueError, match="whose edges do not meet"):

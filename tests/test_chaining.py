@@ -69,7 +69,7 @@ def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
         expected = np.minimum(grid.interpolate(values, points), max(values.max(), 1.0))
         np.testing.assert_allclose(tube(points, problem.time(step)), expected, rtol=0, atol=1e-14)
         assert (expected <= 0).any() and (expected > 0).any()
-    assert tube.timed != problem.time_invariant and tube.reads.all()
+    assert tube.depends_on_time != problem.time_invariant and tube.reads.all()
     assert sum(one.op == "gridded" for one in ordered(tube.outputs)) <= (
         1 if problem.time_invariant else table.steps + 1
     )

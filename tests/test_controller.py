@@ -321,7 +321,7 @@ def test_without_a_promise_the_marks_of_the_table_decide(
         if marked.any():  # nothing is unsafe: the one of least margin, but for what the true target refutes
             first = np.flatnonzero(marked)[batch.margins[m][marked].argmin()]
             way = states[m][None], np.array([first]), 0, batch.steps_after[m : m + 1]
-            assert batch.best[m] == first or not table.passes(*way)[0]
+            assert batch.best[m] == first or not table.passes_true_sets(*way)[0]
         seen += marked.any() and not marked[batch.margins[m].argmin()]
     assert seen > 0  # the look-ahead alone would have chosen another
     kept = np.where(batch.safe, batch.margins, np.inf)[batch.promised]
@@ -428,7 +428,7 @@ class Halves(Table):
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]
         return free_problem()
 
-    def _answer(self, batch: Batch, rows: np.ndarray, ends: Any) -> None:
+    def _fill_in_by_tubes(self, batch: Batch, rows: np.ndarray, ends: Any) -> None:
         q = batch.states[rows, 0]
         batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
         batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]
@@ -516,7 +516,9 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
         inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe=(), unsafe_along=unsafe_along
     )
     table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at, normals=None)
-    table._decide = lambda batch, scores, looks, rows: choose_by_true_sets(table, batch, rows, ends, scores, looks)
+    table._fill_in_and_check = lambda batch, scores, looks, rows: choose_by_true_sets(
+        table, batch, rows, ends, scores, looks
+    )
     chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing
     assert chosen.tolist() == naive_controller.best(kept.tolist(), ranked[kept].tolist(), margins.tolist())
@@ -567,24 +569,66 @@ def test_own_rule_is_played_in_closed_loop() -> None:
     assert report.rule == "first" and report.counts["reached"] == 300
 
 
-@pytest.mark.parametrize("returned", [2.0, [0.0], np.array([[0.0, 1.0]]), np.array([])])
-def test_own_rule_must_score_each_candidate(returned: object) -> None:
-    with pytest.raises(ValueError, match=r"rule .* must return a score for each candidate, shape \(2,\), got \("):
-        Controller(free_table(), lambda candidates: returned).select([0.7], 0)  # type: ignore[arg-type,return-value]
-
-
-def test_own_rule_must_not_score_with_a_nan() -> None:
-    controller = Controller(free_table(), lambda candidates: np.where(candidates.inputs == 1, np.nan, 0.0))
-    with pytest.raises(ValueError, match=r"rule .* met a NaN, for input 1 in state \[0\.7\]; look at the functions"):
-        controller.select([0.7], 0)
-
-
 # ---- guards
 
 
-def test_unknown_rule() -> None:
-    with pytest.raises(ValueError, match=r"deepest, effort, target, clearance.*Candidates, got 'boldest'"):
-        Controller(free_table(), "boldest")
+def ruled(answer: Any) -> Any:
+    """Asks for an input by a rule of one's own, of a state with two candidates."""
+    return lambda: Controller(free_table(), answer if callable(answer) else lambda candidates: answer).select([0.7], 0)
+
+
+def undefined() -> Any:
+    """Asks the rule that goes by the target, whose level set is NaN at the end of the step."""
+    broken = replace(free_problem().target, level_set=lambda p, t: np.where(t == 0.5, np.nan, np.abs(p[:, 0]) - 1.0))
+    problem = replace(free_problem(), delta=0.5)
+    object.__setattr__(problem, "target", broken)
+    return Controller(replace(free_table(), problem=problem), "target").select([0.0], 0)
+
+
+def asked(name: str, *given: Any) -> Any:
+    return lambda: getattr(Controller(free_table()), name)(*given)
+
+
+SCORE = r"rule .* must return a score for each candidate, shape \(2,\), got \("
+REFUSED = [
+    *((ruled(scores), SCORE) for scores in (2.0, [0.0], np.array([[0.0, 1.0]]), np.array([]))),
+    (
+        ruled(lambda candidates: np.where(candidates.inputs == 1, np.nan, 0.0)),
+        r"rule .* met a NaN, for input 1 in state \[0\.7\]; look at the functions",
+    ),
+    (undefined, r"level set of 'target' is undefined or infinite \(nan\) at \["),
+    (
+        lambda: Controller(free_table(), "boldest"),
+        r"rule must be one of deepest, effort, target, clearance.*Candidates, got 'boldest'",
+    ),
+    *(
+        (lambda rule=rule: Controller(free_table(), rule), "rule must be one of")
+        for rule in (None, 3, ["deepest"], np.zeros(3))
+    ),
+    *(
+        (lambda table=table: Controller(table), r"what sdhj\.solve returns, got")
+        for table in (None, "table.h5", Controller)
+    ),
+    *(
+        (asked(name, [bad], 0), "NaN or an infinity")
+        for name in ("steps_to_go", "safe_inputs", "select")
+        for bad in (np.nan, np.inf, -np.inf)
+    ),
+    (asked("batch", [[0.0], [np.nan]], 0), "NaN or an infinity"),
+    *((asked("select", bad, 0), r"shape \(1,\)") for bad in (0.0, [0.0, 0.0], [[0.0]])),
+    *((asked("batch", bad, 0), r"shape \(M, 1\)") for bad in ([0.0], [[0.0, 0.0]])),
+    *(
+        (asked("steps_to_go", [0.0], bad), "step must be a whole number from 0 to 3")
+        for bad in (-1, 4, 0.5, np.nan, True, "0")
+    ),
+    (lambda: free_table().batch([[0.0]], 4), "step must be a whole number from 0 to 3"),
+]
+
+
+@pytest.mark.parametrize(("ask", "said"), REFUSED)
+def test_what_cannot_be_asked_is_refused(ask: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        ask()
 
 
 def test_not_admissible_names_state_step_and_remedy() -> None:
@@ -604,40 +648,6 @@ def test_not_admissible_names_state_step_and_remedy() -> None:
     assert controller.steps_to_go([1e300], 1) is None
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_state_must_be_finite(bad: float) -> None:
-    controller = Controller(free_table())
-    for ask in (controller.steps_to_go, controller.safe_inputs, controller.select):
-        with pytest.raises(ValueError, match="NaN or an infinity"):
-            ask([bad], 0)
-    with pytest.raises(ValueError, match="NaN or an infinity"):
-        controller.batch([[0.0], [bad]], 0)
-
-
-@pytest.mark.parametrize("bad", [0.0, [0.0, 0.0], [[0.0]]])
-def test_state_must_have_the_grid_s_shape(bad: object) -> None:
-    with pytest.raises(ValueError, match=r"shape \(1,\)"):
-        Controller(free_table()).select(bad, 0)
-
-
-@pytest.mark.parametrize("bad", [[0.0], [[0.0, 0.0]]])
-def test_batch_must_have_the_grid_s_shape(bad: object) -> None:
-    with pytest.raises(ValueError, match=r"shape \(M, 1\)"):
-        Controller(free_table()).batch(bad, 0)
-
-
-@pytest.mark.parametrize("rule", [None, 3, ["deepest"]])
-def test_what_is_no_rule_is_refused(rule: object) -> None:
-    with pytest.raises(ValueError, match="rule must be one of"):
-        Controller(free_table(), rule)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("bad", [-1, 4, 0.5, np.nan, True, "0"])
-def test_step_must_be_one_of_the_problem_s(bad: object) -> None:
-    with pytest.raises(ValueError, match="step must be a whole number from 0 to 3"):
-        Controller(free_table()).steps_to_go([0.0], bad)
-
-
 def test_a_whole_number_may_be_a_float() -> None:
     controller = Controller(free_table())
     assert controller.fallback([3.9], 1.0) == controller.fallback([3.9], 1)  # type: ignore[arg-type]
@@ -655,15 +665,6 @@ def test_the_last_step_has_no_inputs() -> None:
             controller.select([1.1], last)
 
 
-def test_rules_report_a_level_set_that_is_not_a_number() -> None:
-    table = free_table()
-    broken = replace(free_problem().target, level_set=lambda p, t: np.where(t == 0.5, np.nan, np.abs(p[:, 0]) - 1.0))
-    problem = replace(free_problem(), delta=0.5)
-    object.__setattr__(problem, "target", broken)
-    with pytest.raises(ValueError, match=r"level set of 'target' is undefined or infinite \(nan\) at \["):
-        Controller(replace(table, problem=problem), "target").select([0.0], 0)
-
-
 def test_rules_stay_with_the_safe_inputs_where_all_score_infinitely_badly() -> None:
     """Input 2 is the deepest, but hits something: it is not to be taken where no safe input ever reaches the target."""
     controller = Controller(free_table(), lambda candidates: np.full(len(candidates.rows), np.inf))
@@ -675,12 +676,6 @@ def test_rules_stay_with_the_safe_inputs_where_all_score_infinitely_badly() -> N
 def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
     avoid = free_table().avoid
     assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()
-
-
-def test_what_is_no_table_is_refused() -> None:
-    for given in (None, free_problem(), "table.h5", Controller(free_table())):
-        with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
-            Controller(given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("rule", [*RULES, lambda candidates: candidates.margins])
@@ -714,7 +709,13 @@ def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
         0.3,
         1,
     )
-    table = sdhj.solve(problem, play=False)
+    nothing = AvoidTubes((), np.full(3, -np.inf, np.float32), (), np.full((1, 3), -np.inf, np.float32))
+    table = LookupTable.empty(problem, "noise", "float32", nothing)
+    for step, within in ((0, 0), (1, 0), (0, 1)):
+        noise = rng.normal(0.2, 1.0, problem.grid.shape) if within else np.inf
+        table.value_array(step, within)[:] = np.minimum(problem.goal(step), noise)
+        table.mark_array(step, within)[:] = rng.integers(0, 8, table.mark_array(step, within).shape)
+    read_only((table.index, table.tubes, table.marks))
     states = rng.uniform(lower, upper, (60, 6))
     together, alone = table.batch(states, 0), [table.batch(one[None], 0) for one in states]
     assert (together.steps_to_go >= 0).sum() > 10

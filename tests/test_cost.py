@@ -154,12 +154,14 @@ def test_the_bar_moves_within_an_interval_and_ends_where_it_was_said(case):
         meter.tube()
         for within in (1, 2):
             if within == 1:
-                sets.goal(0)
+                sets.write_goal(0)
             sets.extend(0, within)
             meter.tube()
     assert max(meter.seen) < meter.cost.operations / 3
     if case != "endless":
-        assert sum(meter.seen) + meter.each == pytest.approx(meter.cost.operations + meter.each, rel=1e-6)
+        assert sum(meter.seen) + meter.operations_per_tube == pytest.approx(
+            meter.cost.operations + meter.operations_per_tube, rel=1e-6
+        )
 
 
 MEASURED = """

@@ -83,7 +83,7 @@ def test_against_dynamic_programming_in_plain_loops(name: str, cost: str) -> Non
     }
     end = (lambda q, t: -problem.unsafe_value(q[None], t)[0]) if cost == "clearance" else (lambda q, t: 0.0)
     join = max if cost == "clearance" else (lambda a, b: a + b)
-    expected = plainly(made, stages[cost], end, join, 0.0 if made.proved else made.cell / 3)
+    expected = plainly(made, stages[cost], end, join, 0.0 if made.proved else made.change_over_cell / 3)
     rule = sdhj.CostToGo(made, (lambda among: 1.0 + among.inputs) if cost == "own" else cost, progress=False)
     values, known = rule._values[:, 0].reshape(-1, *made.grid.shape), rule._values[:, 1].reshape(-1, *made.grid.shape)
     for step, there in enumerate(expected):
@@ -241,7 +241,7 @@ def test_any_rule_may_ask_for_all_inputs_that_keep_the_steps_left(rng: np.random
     (among,) = handed
     for m in range(300):
         safe = np.flatnonzero(told.safe[m])
-        kept = [j for j in safe if told.margins[m, j] <= -made.cell / 3]
+        kept = [j for j in safe if told.margins[m, j] <= -made.change_over_cell / 3]
         least = [j for j in safe if told.margins[m, j] == told.margins[m, safe].min()]
         assert among.inputs[among.rows == m].tolist() == (kept or least)
         assert chosen[m] in (kept or least or [told.best[m]])

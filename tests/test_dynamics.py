@@ -189,6 +189,12 @@ def test_functions_are_called_with_what_they_name():
         ({"bounds": [[0.1]]}, "bounds must be a row of half-widths"),
         ({"bounds": [0.1j]}, "bounds must be real numbers.*complex"),
         ({"bounds": [np.nan]}, "bounds has a NaN"),
+        ({"velocity": lambda q, u, v: q}, "give drift, with gain and bounds, or velocity, with bounds"),
+        ({"velocity": lambda q, u, v: q, "drift": None}, "give drift, with gain and bounds, or velocity, with bounds"),
+        (
+            {"velocity": [[1.0]], "drift": None, "gain": None},
+            r"velocity must be a function of \(points, u, v, t\), got \[\[1.0\]\]",
+        ),
     ],
 )
 def test_dynamics_refuse(change, said):
@@ -257,20 +263,6 @@ def test_values_that_are_none_are_refused_when_they_come(change, said):
         dynamics.drift_at(points, 0, 2.5), dynamics.gain_at(points, 0, 2.5), dynamics.bounds_at(0, 2.5)
 
 
-def test_velocities_that_are_no_formula_or_come_twice_are_refused():
-    velocity = lambda q, u, v: q  # noqa: E731
-    with pytest.raises(ValueError, match="give drift, with gain and bounds, or velocity, with bounds"):
-        Dynamics([[1.0]], [[1.0]], bounds=[0.1], velocity=velocity)
-    with pytest.raises(ValueError, match="give drift"):
-        Dynamics([[1.0]], gain=[[1.0]], bounds=[0.1], velocity=velocity)
-    with pytest.raises(ValueError, match="give drift"):
-        Dynamics([[1.0]])
-    with pytest.raises(ValueError, match=r"velocity must be a function of \(points, u, v, t\), got \[\[1.0\]\]"):
-        Dynamics([[1.0]], velocity=[[1.0]], bounds=[0.1])
-    with pytest.raises(ValueError, match="velocity cannot be a BlackBox"):
-        Dynamics([[1.0]], velocity=BlackBox(lambda q, u, v, t: q), bounds=[0.1]).read(1)
-
-
 # ---- what depends on what
 
 
@@ -309,8 +301,8 @@ def test_what_velocities_depend_on(change, constant, stateless, timed, shared_ga
     dynamics = Dynamics(
         **{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change
     ).read(2)
-    found = dynamics.constant, dynamics.stateless, dynamics.timed, dynamics.shared_gain
-    assert found == (constant, stateless, timed, shared_gain) and dynamics.adversaries == 1
+    found = dynamics.constant, dynamics.stateless, dynamics.depends_on_time, dynamics.shared_gain
+    assert found == (constant, stateless, timed, shared_gain) and dynamics.disturbance_dim == 1
 
 
 def test_an_interval_is_made_once_and_for_all_steps_where_nothing_depends_on_time():
@@ -671,15 +663,6 @@ def test_what_depends_on_time_is_told_apart(dynamics, time_invariant):
 # ---- velocities that the disturbance enters as it likes
 
 
-def test_the_state_may_have_any_name_and_the_others_any_order():
-    forms = [
-        lambda points, u, t: points * u[0] + t,
-        lambda q, u, t: q * u[0] + t,
-        lambda whatever, t, u: whatever * u[0] + t,
-    ]
-    assert len({problem_of(Dynamics([[1.0], [2.0]], form, [[1.0], [0.0]], [0.1])).digest for form in forms}) == 1
-
-
 LINEAR = {
     "constant": (
         lambda q, u, v, t: np.stack([0 * q[:, 0] + u[0] + v[0], 0 * q[:, 1] + v[1] - 0.5 * v[0]], axis=1),
@@ -712,7 +695,8 @@ def test_a_velocity_that_is_linear_in_the_disturbance_is_a_drift_and_a_gain(name
         u = np.array(inputs[j])
         np.testing.assert_allclose(one.dynamics.drift_at(points, j, t), drift(points, u, t), rtol=0, atol=ROUNDING)
         np.testing.assert_allclose(one.dynamics.gain_at(points, j, t), gain(points, u, t), rtol=0, atol=ROUNDING)
-    assert one.dynamics.timed == two.dynamics.timed and (one.dynamics.reads == two.dynamics.reads).all()
+    assert one.dynamics.depends_on_time == two.dynamics.depends_on_time
+    assert (one.dynamics.reads == two.dynamics.reads).all()
     tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
     for start, within in itertools.combinations_with_replacement(range(4), 2):
         values = [table.values(start=start, within=within - start) for table in tables]
@@ -751,7 +735,7 @@ def test_ranges_hold_whatever_the_disturbance(name, rng):
         v = np.where(rng.random(2) < 0.3, np.sign(v) * MOST, v)
         true = bent(name, points, COMMANDS[j], v, t)
         np.testing.assert_allclose(dynamics.velocity_at(points, j, v, t), true, rtol=0, atol=ROUNDING)
-        least, greatest = dynamics.range(j, low, high, (0.3, 0.6))
+        least, greatest = dynamics.velocity_bounds(j, low, high, (0.3, 0.6))
         assert (least <= true).all() and (true <= greatest).all()
         ends = dynamics.extremes(points, j, t)
         assert (ends[:, 0] <= true).all() and (true <= ends[:, 1]).all()
@@ -824,7 +808,7 @@ def test_bounds_that_depend_on_the_state_scale_the_disturbance(kind, rng):
     for j, t in itertools.product((0, 1), (0.0, 0.4)):
         gain = one.dynamics.gain_at(points, j, t) * one.dynamics.bounds_at(j, t)
         np.testing.assert_allclose(np.abs(gain), pushing(points, np.array(inputs[j]), t), rtol=0, atol=ROUNDING)
-    assert one.dynamics.timed and one.dynamics.reads.tolist() == [[False, True], [True, False]]
+    assert one.dynamics.depends_on_time and one.dynamics.reads.tolist() == [[False, True], [True, False]]
     for pair in zip(one.interval(1).reachable_boxes(points), two.interval(1).reachable_boxes(points), strict=True):
         np.testing.assert_allclose(*pair, rtol=0, atol=ROUNDING)
     tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
@@ -897,9 +881,9 @@ def test_black_boxes_are_solved_and_simulated():
 
 def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
     wild = Dynamics([[1.0]], BlackBox(lambda q, u: q), BlackBox(lambda q: q[:, :, None]), [0.1]).read(3)
-    assert wild.timed and wild.reads.all() and wild.pushes.all() and wild.couples((0, 1))
+    assert wild.depends_on_time and wild.reads.all() and wild.pushes.all() and wild.couples((0, 1))
     with pytest.raises(ValueError, match="drift is a BlackBox without a slope or an enclosure, which a proof needs"):
-        wild.range(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
+        wild.velocity_bounds(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
     problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
     assert problem.opaque == {"drift": "a BlackBox of which nothing is declared"}
     with pytest.raises(ValueError, match="drift is a BlackBox without a slope"):
@@ -923,7 +907,7 @@ def test_problems_pickle(make, rng):
     again = pickle.loads(pickle.dumps(problem))
     assert again.digest == problem.digest and again.opaque == problem.opaque
     points = rng.uniform(problem.grid.lower, problem.grid.upper, (20, problem.grid.ndim))
-    v, inputs = 0.1 * np.ones((20, problem.dynamics.adversaries)), rng.integers(0, len(problem.inputs), 20)
+    v, inputs = 0.1 * np.ones((20, problem.dynamics.disturbance_dim)), rng.integers(0, len(problem.inputs), 20)
     moved = [one.interval(0).advance(points, inputs, v, 0.1, 0.1) for one in (problem, again)]
     np.testing.assert_array_equal(*moved)
     np.testing.assert_array_equal(problem.unsafe_value(points, 0.3), again.unsafe_value(points, 0.3))

@@ -486,13 +486,13 @@ CASES = {
     ),
     "a solve and no memory": (
         'use fewer nodes or steps, or dtype "float32"',
-        lambda to: with_room(scarce(), lambda: solved(line(nodes=5001, steps=40), DOUBLE)),
+        lambda to: with_room(scarce(), lambda: solved(line(nodes=1001, steps=40), DOUBLE)),
         lambda to: with_room(
             scarce(),
             lambda: (
-                solved(line(nodes=501, steps=40), DOUBLE),
-                solved(line(nodes=5001, steps=4), DOUBLE),
-                solved(line(nodes=5001, steps=40)),
+                solved(line(nodes=101, steps=40), DOUBLE),
+                solved(line(nodes=1001, steps=4), DOUBLE),
+                solved(line(nodes=1001, steps=40)),
             ),
         ),
     ),
@@ -656,7 +656,7 @@ def with_room(nbytes, act):
 @cache
 def scarce():
     """Bytes that a solve of half of what is asked for needs."""
-    most, few = (sdhj.estimate(line(nodes=5001, steps=steps), DOUBLE).nbytes for steps in (40, 4))
+    most, few = (sdhj.estimate(line(nodes=1001, steps=steps), DOUBLE).nbytes for steps in (40, 4))
     return (most + few) // 2
 
 
@@ -697,7 +697,7 @@ def asked(folder, **environment):
 
 
 COMPILER = shutil.which("gcc") or shutil.which("clang")
-DOUBLE = sdhj.HJI(sdhj.Scheme(dtype="float64"))
+DOUBLE = sdhj.HopfLax(dtype="float64")
 PICTURE = b"P5\n4 3\n255\n" + bytes([254] * 11 + [0])
 YAML = """image: map.pgm
 resolution: 1

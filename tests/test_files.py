@@ -18,7 +18,7 @@ import sdhj
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.restoring import described
 from sdhj.table import table as table_module
-from sdhj.table.files import FORMAT_VERSION, header, replaced_whole, writable_file
+from sdhj.table.files import FORMAT_VERSION, read_head, replaced_whole, writable_file
 from sdhj.table.table import entries
 
 
@@ -142,11 +142,6 @@ def test_the_file_describes_itself(arm_table, tmp_path):
         assert file["tubes"].shape[0] == file["marks"].shape[0] == file["index"][()].max() + 1
 
 
-def test_an_unwritable_folder_is_a_clear_error(arm_table, tmp_path):
-    with pytest.raises(OSError, match="folder"):
-        arm_table.save(tmp_path / "missing" / "arm.h5")
-
-
 def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypatch):
     path = tmp_path / "arm.h5"
     arm_table.save(path)
@@ -178,7 +173,7 @@ def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
     whole = path.read_bytes()
     for version, told in ((FORMAT_VERSION + 1, "upgrade sdhj"), *((old, "solve it anew") for old in range(5))):
         path.write_bytes(whole.replace(b"format 5", b"format %d" % version, 1))
-        for read in (sdhj.load, header):
+        for read in (sdhj.load, read_head):
             with pytest.raises(sdhj.TableFileError, match=f"format version {version}; this is sdhj .*: {told}$"):
                 read(path)
 
@@ -188,7 +183,7 @@ def test_files_of_older_formats_are_refused_in_a_sentence(arm_table, tmp_path):
     path = tmp_path / "old.h5"
     with h5py.File(path, "w") as file:
         file.attrs.update(format="sdhj look-up table", format_version=2, sdhj_version="0.2.0")
-    for read in (sdhj.load, header):
+    for read in (sdhj.load, read_head):
         with pytest.raises(sdhj.TableFileError, match=r"is damaged, cut short or not a look-up table; solve it anew$"):
             read(path)
 
@@ -216,14 +211,14 @@ def test_a_case_study_of_another_version_is_what_its_formulas_say(arm_table, tmp
 
 def test_the_header_is_what_the_file_says(arm_table, tmp_path):
     arm_table.save(tmp_path / "arm.h5")
-    told, problem = header(tmp_path / "arm.h5"), arm_table.problem
+    told, problem = read_head(tmp_path / "arm.h5"), arm_table.problem
     assert told["grid"] == problem.grid and np.array_equal(told["inputs"], problem.inputs)
     assert told["recipe"] == dict(problem.recipe) and told["details"]["flux"] == arm_table.details["flux"]
     for name in ("digest", "delta", "steps", "view_time"):
         assert told[name] == getattr(problem, name)
     assert (told["problem"], told["method"], told["sdhj_version"]) == (problem.name, "hji", sdhj.__version__)
     with pytest.raises(FileNotFoundError, match="no file"):
-        header(tmp_path / "none.h5")
+        read_head(tmp_path / "none.h5")
 
 
 # ---- tables of any robot, from the file alone
@@ -301,14 +296,14 @@ def test_a_table_of_any_robot_is_read_from_its_file_alone(name, tmp_path, rng):
     loaded = sdhj.load(tmp_path / "own.h5")
     agree(table, loaded, rng)
     loaded.save(tmp_path / "again.h5")  # and is written as it was
-    heads = [header(tmp_path / f"{name}.h5") for name in ("own", "again")]
+    heads = [read_head(tmp_path / f"{name}.h5") for name in ("own", "again")]
     assert heads[0]["formulas"] == heads[1]["formulas"] and heads[0]["sets"] == heads[1]["sets"]
 
 
 def test_the_golden_file_is_still_read(rng):
     """Written by a former version: `tests/make_golden.py`."""
     table, problem = sdhj.load(make_golden.FILE), make_golden.golden()
-    assert header(make_golden.FILE)["formulas"] == json.loads(json.dumps(described(problem)["formulas"]))
+    assert read_head(make_golden.FILE)["formulas"] == json.loads(json.dumps(described(problem)["formulas"]))
     same(table, sdhj.load(make_golden.FILE, problem=problem))
     points, t = rng.uniform([-1.0, 0.0], [1.0, 2.0], (50, 2)), 0.3
     x, y = points.T

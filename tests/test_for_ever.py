@@ -18,7 +18,7 @@ import sdhj
 from sdhj.kernels import read_only
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.simulation.adversaries import first_moment, greedy, level_of_unsafe, reckless
-from sdhj.simulation.played import judged_at_the_end
+from sdhj.simulation.played import check_by_runs
 
 ROUND = np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)], axis=1)
 TURNS, STRIDES = 5, 3  # of the greedy adversary in an interval; steps in which it looks ahead
@@ -369,10 +369,10 @@ def test_a_reckless_commander_drives_at_what_is_unsafe() -> None:
 
 def test_the_solve_says_what_it_saw(runner: Any, stopped: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for _, table in (runner, stopped):
-        found = judged_at_the_end(table)["played"]
+        found = check_by_runs(table)["played"]
         assert found["lost"] <= 0.02 * found["runs"]
     with pytest.warns(ResolutionWarning) as said:
-        found = judged_at_the_end(by_distance(runner[1]))["played"]
+        found = check_by_runs(by_distance(runner[1]))["played"]
     assert re.search(r"promises for ever .* runs lost to adversary greedy .* left. What", str(said[0].message))
     assert re.search(r"behind its filter.* collided with caught", str(said[1].message))
     assert found["lost"] > 20
@@ -380,7 +380,7 @@ def test_the_solve_says_what_it_saw(runner: Any, stopped: Any, monkeypatch: pyte
     monkeypatch.setattr(sdhj.table.controller, "RESERVE", 0.0)
     monkeypatch.setattr(sdhj.table.controller, "DEPTH_KEPT", -np.inf)
     with pytest.warns(ResolutionWarning, match=r"behind its filter.* went off the grid past the end of x1"):
-        found = judged_at_the_end(stopped[1])["played"]
+        found = check_by_runs(stopped[1])["played"]
     assert "behind the filter" in next(iter(found["ways"]))
 
 

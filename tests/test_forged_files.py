@@ -19,7 +19,7 @@ from toys import torus_problem
 import sdhj
 from sdhj.cli import main
 from sdhj.problem import memory as memory_module
-from sdhj.table.files import header
+from sdhj.table.files import read_head
 
 LONGEST = 10.0  # seconds that an answer may take
 
@@ -60,7 +60,7 @@ def test_all_damage_is_found_before_the_library_sees_it(path, rng, count, monkey
             patch.setattr(h5py, "File", no_library)
             refused(path, "damaged, cut short or not a look-up table|format version")
             with pytest.raises(sdhj.TableFileError):
-                header(path)
+                read_head(path)
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.1, 0.5, 0.9, 0.999])
@@ -86,7 +86,7 @@ def test_other_files_are_not_read(path, tmp_path):
         del arrays["index"]
         arrays.create_dataset("index", index.shape, index.dtype, external=[(str(tmp_path / "secret"), 0, 10_000)])
     refused(path, "index lies in another file")
-    assert 7 not in np.unique(header(path)["inputs"])
+    assert 7 not in np.unique(read_head(path)["inputs"])
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_text_that_tells_nothing_is_refused(path, text):
     seal(path, first, text + b"\n" + image)
     refused(path, "can be read")
     with pytest.raises(sdhj.TableFileError):
-        header(path)
+        read_head(path)
 
 
 @pytest.mark.parametrize("wrong", [-1, 10**6])
@@ -252,7 +252,7 @@ def test_forged_tables_of_formulas_are_refused(golden, tmp_path, forgery):
         else:
             replaced("tables/0", FORGERIES[forgery])(told, arrays)
     if forgery in ("too long", "too short"):  # another table, of an array that can be one
-        assert sdhj.load(path).problem.digest == header(path)["digest"]
+        assert sdhj.load(path).problem.digest == read_head(path)["digest"]
         with pytest.raises(sdhj.TableFileError, match="another problem"):
             sdhj.load(path, problem=make_golden.golden())
         return
@@ -270,4 +270,4 @@ def test_long_and_deep_formulas_are_read_in_time(golden, tmp_path):
     began = time.perf_counter()
     table = sdhj.load(path)
     assert time.perf_counter() - began < LONGEST
-    assert table.problem.digest == header(path)["digest"] != make_golden.golden().digest
+    assert table.problem.digest == read_head(path)["digest"] != make_golden.golden().digest

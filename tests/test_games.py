@@ -197,11 +197,6 @@ def test_view_time_settings_are_ordered():
     assert (tubes["swept"] > tubes["instantaneous"] + 0.05).any()
 
 
-def test_unknown_interpolation_is_named():
-    with pytest.raises(ValueError, match="nearest"):
-        HopfLax(interpolation="nearest")
-
-
 @pytest.mark.parametrize("method", ["hji", "lax", "joint"])
 def test_nothing_fast_slips_between_the_time_steps(method):
     """A thin wall crosses the whole axis within one interval, much more than a cell in each time step: none is safe."""

@@ -235,10 +235,6 @@ def test_files_reach_the_disk_before_they_take_their_name(tmp_path, monkeypatch)
 
 def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch):
     path = tmp_path / "a.h5"
-    with pytest.raises(FileNotFoundError, match="no file"):
-        sdhj.load(path)
-    with pytest.raises(IsADirectoryError, match="is a folder; name a file"):
-        sdhj.load(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="a device or a pipe"):
         sdhj.load(tmp_path / "pipe")

@@ -148,7 +148,7 @@ def test_a_file_says_so(fast, tmp_path):
 
 
 def test_remembering_is_the_default_and_files_from_before_forget(tmp_path):
-    assert sdhj.Sensing(0.1).remembers and not sdhj.Sensing().remembers and sdhj.Sensing().told == {}
+    assert sdhj.Sensing(0.1).remembers and not sdhj.Sensing().remembers and sdhj.Sensing().entry_in_head == {}
     for memory in (False, True):
         solved(0.1, cells=(20, 20), memory=memory, steps=2).save(tmp_path / "table.h5")
         assert sdhj.load(tmp_path / "table.h5").problem.sensing.remembers == memory

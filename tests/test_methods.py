@@ -7,6 +7,7 @@ import naive
 import numpy as np
 import pytest
 import toys
+from plain import run_plainly
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
@@ -192,13 +193,6 @@ def test_a_short_form_gives_the_table_of_its_object(name, method):
         np.testing.assert_array_equal(short.inputs(start=k, within=n - k), full.inputs(start=k, within=n - k))
 
 
-def test_hji_is_what_solve_does_by_itself():
-    problem = toys.torus_problem(nodes=9, steps=2)
-    np.testing.assert_array_equal(
-        sdhj.solve(problem).values(start=0, within=2), sdhj.solve(problem, HJI()).values(start=0, within=2)
-    )
-
-
 def test_methods_of_equal_options_are_equal_and_cannot_change():
     assert HJI(sdhj.Scheme(order=3)) == HJI(sdhj.Scheme(order=3)) != HJI()
     assert Projected([[0, 1]]) == Projected(((0, 1),)) != Projected([[0, 2]])
@@ -249,13 +243,16 @@ SLOWED = lambda q, u: u - 0.1 * q  # noqa: E731
     ],
     ids=["differences", "third order", "joint", "frame", "lax"],
 )
-def test_tubes_hang_on_no_magnitude_of_level_sets(method: object, drift: object) -> None:
+def test_tubes_hang_on_no_magnitude_of_level_sets(method: object, drift: object, monkeypatch) -> None:
     """Bit for bit up to the largest that is supported, steep inside; overflow, not rounding, is what limits it."""
+    plain = getattr(method, "games", "") == "joint" or getattr(method, "scheme", sdhj.Scheme()).order == 3
+    if plain:  # what nothing else compiles
+        run_plainly(monkeypatch)
 
     def tubes(scale: float) -> np.ndarray:
         post = sdhj.UnsafeSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] + 1, p[:, 1]) - 0.4), sampling="steep")
         problem = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-2, -2], [2, 2], [21, 21], ends="wall"),
+            sdhj.Grid([-2, -2], [2, 2], [9, 9] if plain else [21, 21], ends="wall"),
             sdhj.Dynamics(MOVES, drift, np.eye(2), [0.03, 0.3]),
             sdhj.TargetSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] - 1, p[:, 1] - 0.8) - 0.6)),
             [post],
@@ -264,7 +261,7 @@ def test_tubes_hang_on_no_magnitude_of_level_sets(method: object, drift: object)
         )
         return np.asarray(sdhj.solve(problem, method, play=False, progress=False).tubes, np.float64)
 
-    plain, most = tubes(1.0), 2.0 ** int(np.log2(LARGEST / 4))  # values up to 3.6
-    np.testing.assert_array_equal(tubes(most), plain * most)
+    usual, most = tubes(1.0), 2.0 ** int(np.log2(LARGEST / 4))  # values up to 3.6
+    np.testing.assert_array_equal(tubes(most), usual * most)
     with pytest.raises(ValueError, match="supports at most 1e\\+36; clip it"):
         tubes(2 * most)

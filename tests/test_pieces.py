@@ -92,10 +92,10 @@ def test_what_moves_one_axis_or_enters_linearly_is_one_piece():
     apart = lambda q, u, v: np.stack([u[0] + np.sin(v[0]), u[1] + np.sin(v[1])])  # noqa: E731
     line = lambda q, u, v: np.stack([u[0] + v[0], u[1] + 2 * v[0]])  # noqa: E731
     mixed = lambda q, u, v: np.stack([u[0] * np.cos(v[0]), u[1] * np.cos(v[0]) + np.sin(v[1])])  # noqa: E731
-    assert misled(velocity=apart, bounds=[0.1, 0.1]).dynamics.cuts((0, 1)) == (1, 1)
-    assert misled(velocity=line, bounds=[0.1]).dynamics.cuts((0, 1)) == (1,)
-    assert misled(velocity=mixed, bounds=[0.1, 0.1], pieces=5).dynamics.cuts((0, 1)) == (5, 1)
-    assert misled().dynamics.cuts((0,)) == (1,)
+    assert misled(velocity=apart, bounds=[0.1, 0.1]).dynamics.pieces_of_components((0, 1)) == (1, 1)
+    assert misled(velocity=line, bounds=[0.1]).dynamics.pieces_of_components((0, 1)) == (1,)
+    assert misled(velocity=mixed, bounds=[0.1, 0.1], pieces=5).dynamics.pieces_of_components((0, 1)) == (5, 1)
+    assert misled().dynamics.pieces_of_components((0,)) == (1,)
     one, many = (misled(21, velocity=apart, bounds=[0.1, 0.1], pieces=pieces) for pieces in (1, 8))
     assert one.digest == many.digest
     tables = [sdhj.solve(problem, progress=False, play=False) for problem in (one, many)]
@@ -116,7 +116,7 @@ def test_pieces_are_kept_in_files_and_told_apart(tmp_path):
 
 def test_memory_is_stated_before(monkeypatch):
     asked = []
-    monkeypatch.setattr(interval_module, "require", lambda many, what: asked.append((many, what)))
+    monkeypatch.setattr(interval_module, "require_memory", lambda many, what: asked.append((many, what)))
     misled(21).interval(0).velocities(1, (0, 1))
     assert asked == [(8 * 8 * 2 * 5 * 21 * 21, "velocities of 8 pieces of v")]
 
@@ -208,7 +208,7 @@ def test_reachable_states_are_the_hull(compass):
     table, states = compass
     interval, sides = table.problem.interval(0), np.array([[0, 0], [0, 1], [1, 0], [1, 1], [0.5, 0.5]], dtype=float)
     (low,), (high,) = interval.reachable_boxes(states[:1])
-    (ends,) = interval.reaches(states[:1], sides)
+    (ends,) = interval.reachable_points(states[:1], sides)
     for j, way in enumerate(WAYS):
         if not way.any():
             continue
@@ -245,7 +245,7 @@ def test_at_a_wall_the_box_is_seen(compass):
 def test_with_one_piece_margins_are_boxes():
     problem = misled(21, pieces=1)
     assert problem.interval(0).normals.shape == (0, 2)
-    assert len(problem.interval(0).ahead(np.zeros((1, 2)))) == 4
+    assert len(problem.interval(0).displacement_sets(np.zeros((1, 2)))) == 4
 
 
 @pytest.mark.parametrize("rule", ["select", "filter"])

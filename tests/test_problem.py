@@ -133,23 +133,6 @@ def test_problems_refuse(change, named):
         dataclasses.replace(interval_problem(), **change)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (([[np.nan]], [[1.0]], [[1.0]], [0.1]), "NaN"),
-        (([[1.0]], [[np.inf]], [[1.0]], [0.1]), "infinity"),
-        (([[1.0]], [[1.0]], [[1.0]], [-0.1]), "bounds"),
-        (([1.0], [[1.0]], [[1.0]], [0.1]), "inputs"),
-        (([["fast"]], [[1.0]], [[1.0]], [0.1]), "inputs must be real numbers"),
-        (([[1.0]], [[1.0]], [[1.0]], [0.1j]), "bounds must be real numbers.*complex"),
-        ((np.zeros((70_000, 1)), np.zeros((70_000, 1)), [[1.0]], [0.1]), "65536"),
-    ],
-)
-def test_dynamics_refuse(arguments, named):
-    with pytest.raises(ValueError, match=named):
-        Dynamics(*arguments)
-
-
 def test_functions_that_answer_nonsense_are_caught_when_sampled():
     problem = torus_problem(nodes=8)
     bad = Dynamics(problem.inputs, lambda p, u: np.sqrt(p - 1.0), np.eye(2), [0.1, 0.1])

@@ -12,7 +12,7 @@ import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells
-from sdhj.solver.resolution import check_resolution, check_sets, too_thin
+from sdhj.solver.resolution import check_resolution, check_sets, too_thin_finding
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 
@@ -264,14 +264,14 @@ def test_a_ball_is_not_thin_where_a_line_grazes_it(ndim, nodes, rng):
                 0.1,
                 1,
             )
-            assert too_thin(problem, problem.unsafe[0], 0.0) is None
+            assert too_thin_finding(problem, problem.unsafe[0], 0.0) is None
 
 
 def test_more_nodes_are_asked_for_first_where_they_fit_memory(monkeypatch):
     problem = hall(wall(3.0, 0.11))
-    assert ", or UnsafeSet(" in str(too_thin(problem, problem.unsafe[0], 0.0))
+    assert ", or UnsafeSet(" in str(too_thin_finding(problem, problem.unsafe[0], 0.0))
     monkeypatch.setattr(sdhj.solver.resolution, "available", lambda: (10**6, "are available"))
-    assert "enlarges the set by less than a cell; " in str(too_thin(problem, problem.unsafe[0], 0.0))
+    assert "enlarges the set by less than a cell; " in str(too_thin_finding(problem, problem.unsafe[0], 0.0))
 
 
 def test_of_a_formula_that_several_problems_share_each_has_its_samples_and_its_warning():
@@ -298,8 +298,8 @@ def test_what_hides_in_a_formula_is_searched_for_once(monkeypatch):
         searched.append(problem)
         return hidden(problem, *given)
 
-    hidden = sdhj.solver.resolution._hidden
-    monkeypatch.setattr(sdhj.solver.resolution, "_hidden", _hidden)
+    hidden = sdhj.solver.resolution._hidden_finding
+    monkeypatch.setattr(sdhj.solver.resolution, "_hidden_finding", _hidden)
     wall = room().unsafe[0]
     for problem in (replace(room(), unsafe=(wall,)), replace(room(), unsafe=(wall,))):
         with pytest.warns(ResolutionWarning, match="plan"):

@@ -11,7 +11,7 @@ import sdhj
 from sdhj import Grid, Scheme
 from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.problem.interval import Velocities
-from sdhj.solver.schemes import evolve, evolve_each, together
+from sdhj.solver.schemes import evolve, evolve_each, terms_of_inputs
 
 FLUXES = ("godunov", "lax-friedrichs")
 DOUBLE = Scheme(dtype="float64", frame="fixed")
@@ -405,7 +405,10 @@ def test_inputs_at_once_are_those_one_by_one(rng, fields):
     grid, scheme = Grid([0.0, 0.0], [1.0, 2.0], [9, 7], [True, False]), Scheme()
     values, lower = rng.normal(size=grid.shape), rng.normal(size=(3, 2, *(grid.shape if fields else ())))
     each = [Velocities(low, low + 0.5) for low in lower]
-    groups = [([0, 2], together(grid, [each[0], each[2]], scheme), 4), ([1], together(grid, [each[1]], scheme), 3)]
+    groups = [
+        ([0, 2], terms_of_inputs(grid, [each[0], each[2]], scheme), 4),
+        ([1], terms_of_inputs(grid, [each[1]], scheme), 3),
+    ]
     found = evolve_each(grid, values, groups, 0.05, scheme, values - 0.3)
     scratch: dict = {}
     for _ in range(2):  # what was left in it before does not matter
@@ -417,22 +420,23 @@ def test_inputs_at_once_are_those_one_by_one(rng, fields):
         alone = evolve(grid, values, each[j], 0.05, scheme, obstacle=values - 0.3, steps=steps)
         np.testing.assert_array_equal(found[j], alone)
     coupled = Velocities(lower[0], lower[0] + 0.5, drift=lower[:1], gain=np.zeros((1, 2, *lower.shape[1:])))
-    assert together(grid, [each[0], coupled], scheme) is None
+    assert terms_of_inputs(grid, [each[0], coupled], scheme) is None
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_a_half_turn_changes_no_bit_of_a_table(order):
+def test_a_half_turn_changes_no_bit_of_a_table(monkeypatch, order):
     """In the fixed frame; in the moving one, in double precision, no more than rounding."""
+    run_plainly(monkeypatch)
     ways = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
 
     def values(sign, **scheme):
         problem = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-2.5, -2.5], [2.5, 2.5], [41, 41]),  # nodes that are mirror images to the last bit
+            sdhj.Grid([-1.25, -1.25], [1.25, 1.25], [11, 11]),  # nodes that are mirror images to the last bit
             sdhj.Dynamics(sign * ways, sign * ways, np.eye(2), [0.1, 0.1]),
             sdhj.TargetSet((0, 1), lambda p, t: np.hypot(sign * p[:, 0] - 0.7, sign * p[:, 1] - 0.4) - 0.4),
             [sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(sign * p + [0.2, -0.1]).max(axis=1) - 0.35)],
-            0.25,
-            6,
+            0.5,
+            2,
         )
         table = sdhj.solve(problem, sdhj.HJI(sdhj.Scheme(order=order, **scheme)), progress=False, play=False)
         return table.values()[::sign, ::sign]

@@ -13,7 +13,7 @@ import toys
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
 from sdhj.table.beside import predicted
-from sdhj.table.files import header
+from sdhj.table.files import read_head
 
 EXACT = HopfLax("linear")
 PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05, memory=False)
@@ -543,7 +543,7 @@ def test_a_problem_that_senses_is_another_one():
 def test_a_file_knows_what_it_was_solved_for(tmp_path):
     table, path = interval_tables(PLAYED)[0], tmp_path / "table.h5"
     table.save(path)
-    assert header(path)["sensing"] == PLAYED
+    assert read_head(path)["sensing"] == PLAYED
     assert sdhj.load(path, problem=table.problem).fraction(start=0, within=3) == table.fraction(start=0, within=3)
     with pytest.raises(sdhj.TableFileError, match="sensing is"):
         sdhj.load(path, problem=replace(table.problem, sensing=Sensing()))

@@ -190,7 +190,7 @@ def test_filter_gives_the_nearest_safe_input(make: Any, rng: np.random.Generator
     Of a table on a grid those that keep a third of a cell; where none does, the one of least margin.
     """
     table = make()
-    reserve = 0.0 if table.proved else table.cell / 3
+    reserve = 0.0 if table.proved else table.change_over_cell / 3
     reserved = 0
     controller, inputs = Controller(table), table.problem.inputs
     states = rng.uniform(table.grid.lower, table.grid.upper, (200, table.grid.ndim))
@@ -238,7 +238,7 @@ def test_a_cell_of_the_value_is_the_gradient_s_in_any_units() -> None:
             0.1,
             1,
         )
-        cell = sdhj.solve(problem, play=False, progress=False).cell
+        cell = sdhj.solve(problem, play=False, progress=False).change_over_cell
         assert cell == pytest.approx(np.hypot(0.05 * 0.6, 0.2 * 0.8) * unit, rel=1e-3)
 
 

@@ -60,7 +60,7 @@ def test_shared_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem,
     """Where nothing depends on time, and where a tube has stopped growing: the same tubes as one by one."""
     table = sdhj.solve(problem(), method=method)
     monkeypatch.setattr(sdhj.ReachAvoidProblem, "time_invariant", False)
-    monkeypatch.setattr(recursion.GridSets, "stopped", lambda self, step, within: False)
+    monkeypatch.setattr(recursion.GridSets, "unchanged", lambda self, step, within: False)
     computed = sdhj.solve(problem(), method=method)
     assert len(table.tubes) <= len(computed.tubes) == len(computed.index)
     for start, within in entries(table.steps).tolist():
@@ -322,7 +322,7 @@ def test_a_solve_that_does_not_fit_is_refused(monkeypatch):
     with pytest.raises(MemoryError, match=r"this solve needs about .*e\+"):
         sdhj.solve(dataclasses.replace(arm(), steps=10**6))
     monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
-    memory.require(10**18, "anything")
+    memory.require_memory(10**18, "anything")
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])

@@ -111,7 +111,7 @@ def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
     for k in range(6, -1, -1):
         for n in range(7 - k):
             if n >= 2 and rng.random() < share:
-                table.share(k, n)
+                table.repeat(k, n)
                 told[k, n] = told[k, n - 1]
             else:
                 told[k, n] = len(told)
@@ -131,7 +131,7 @@ def test_without_time_there_is_one_tube_for_each_number_of_steps():
     for k in range(5, -1, -1):
         for n in range(6 - k):
             if n >= 3:  # as if the tube had stopped growing there: it grows no more
-                table.share(k, n)
+                table.repeat(k, n)
             elif n == 5 - k:
                 table.value_array(k, n)[:] = n
     done = table.finish({})
@@ -193,13 +193,3 @@ def test_values_at_checks_its_points(shape):
         table.values_at(np.zeros(shape), 0, np.zeros(5, int))
     with pytest.raises(ValueError, match="whole number from 0 to 1"):
         table.values_at(np.zeros((5, 1, 1)), 2, np.zeros(5, int))
-
-
-def test_a_table_checks_states_itself(table):
-    """`Controller` hands on what it is given."""
-    with pytest.raises(ValueError, match=r"states must have shape \(M, 2\), got \(2,\)"):
-        table.batch([0.0, 0.0], 0)
-    with pytest.raises(ValueError, match="NaN or an infinity"):
-        table.batch([[0.0, np.inf]], 0)
-    with pytest.raises(ValueError, match="step must be a whole number from 0 to 3"):
-        table.batch([[0.0, 0.0]], 4)

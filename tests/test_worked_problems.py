@@ -104,7 +104,7 @@ def lost(table, true, rng, runs=3000):
     states = rng.uniform(problem.grid.lower, problem.grid.upper, (40 * runs, problem.grid.ndim))
     starts = states[table.contains(states, start=0, within=table.steps)][:runs]
     assert len(starts) == runs
-    wind = problem.dynamics.adversaries if problem.name != "problem" else problem.grid.ndim
+    wind = problem.dynamics.disturbance_dim if problem.name != "problem" else problem.grid.ndim
     kept = rng.choice([-1.0, 1.0], (runs, wind))
     for signs in (lambda q, u, t, end: rng.choice([-1.0, 1.0], (runs, wind)), lambda q, u, t, end: kept):
         outcomes = judge.play(

@@ -218,7 +218,7 @@ def carried(drift):
 def test_a_drift_that_changes_with_time_leaves_segments():
     """A conveyor whose speed differs by 5 % within the horizon is like one that keeps its speed."""
     timed = carried(lambda q, u, t: u + np.stack([0.1 * np.cos(t), 0.0 * t]))
-    assert timed.dynamics.timed and timed.interval(0).segments((0, 1)).shape[1] == 1
+    assert timed.dynamics.depends_on_time and timed.interval(0).segments((0, 1)).shape[1] == 1
     assert share(timed, "lax") == pytest.approx(share(carried(COMPASS + np.array([0.1, 0.0])), "lax"), rel=0.02)
 
 
@@ -324,7 +324,7 @@ def test_reachable_states_are_the_true_set(rng):
     halves = problem.delta * (gain * bounds).T
     corners = naive_zonotopes.polygon(naive_zonotopes.vertices(halves))
     sides = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.5]])
-    ends = interval.reaches(np.array([[1.0, 1.0]]), sides)[0]
+    ends = interval.reachable_points(np.array([[1.0, 1.0]]), sides)[0]
     for j in range(len(drift)):
         middle = problem.delta * drift[j]
         np.testing.assert_allclose(low[0, j], middle + corners.min(axis=0), atol=1e-12)
@@ -361,13 +361,13 @@ def test_gains_that_turn_with_the_state_are_seen_too(rng):
     """The set turns with the state: ends of an interval are those of the gain there, to first order in delta."""
     problem = drifted()
     states, interval = rng.uniform(-1.0, 1.0, (5, 3)), problem.interval(0)
-    low, high, _, _, first, second = np.moveaxis(interval.ahead(states), -1, 1)
+    low, high, _, _, first, second = np.moveaxis(interval.displacement_sets(states), -1, 1)
     np.testing.assert_allclose(low, high, atol=1e-12)  # no component moves one axis alone
     for m, theta in enumerate(states[:, 2]):
         np.testing.assert_allclose(first[m, 0], 0.3 * 0.05 * np.array([np.cos(theta), np.sin(theta), 0.0]), atol=1e-12)
         np.testing.assert_allclose(second[m, 2], 0.3 * 0.5 * np.array([-np.sin(theta), np.cos(theta), 0.0]), atol=1e-12)
-    played = interval.ahead_formula(states, 0.0)
-    np.testing.assert_allclose(np.moveaxis(played, 0, -1), interval.ahead(states), atol=1e-12)
+    played = interval.displacement_formula(states, 0.0)
+    np.testing.assert_allclose(np.moveaxis(played, 0, -1), interval.displacement_sets(states), atol=1e-12)
 
 
 def test_at_a_wall_that_is_not_symmetric_the_box_is_seen(rng):

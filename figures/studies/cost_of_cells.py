@@ -24,10 +24,10 @@ from sdhj.certified.images import Images
 from sdhj.certified.table import CellSets
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
-    "intervals": [(Images, "reached")],
+    "intervals": [(Images, "tubes_of_places")],
     "unsafe sets": [(GeneralProof, name) for name in ("_mark_collisions", "_lattices", "_mark_in_words")],
     "arrivals": [(Arrivals, "add")],
-    "recursion": [(CellSets, "extend"), (CellSets, "goal"), (CellSets, "finish")],
+    "recursion": [(CellSets, "extend"), (CellSets, "write_goal"), (CellSets, "finish")],
 }
 FEW = 6  # cells of an axis, to compile with
 

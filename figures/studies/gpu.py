@@ -33,10 +33,10 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import over_interval
 from sdhj.kernels.compiling import choice, inlined
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _kept, _runs_of_axes, _sum_hamiltonians
-from sdhj.problem.boxes import _leaves, _levels
+from sdhj.problem.boxes import _leaves, _maxima_by_axis
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, ObstacleFunction
-from sdhj.solver.schemes import STAGES, Scheme, layout_of, together
+from sdhj.solver.schemes import STAGES, Scheme, layout_of, terms_of_inputs
 from sdhj.table.table import LookupTable
 
 THREADS = 128  # of a block
@@ -178,11 +178,11 @@ class Game:
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme | None = None) -> None:
         self.problem, self.grid, self.scheme = problem, problem.grid, scheme or Scheme()
         self.games = games = HJIGames(problem, self.scheme)
-        assert games.shifted and games.by_formula(games.axes) and not problem.has_no_target and not problem.sensing
+        assert games.shifted and games.uses_hopf_lax(games.axes) and not problem.has_no_target and not problem.sensing
         assert not any(self.grid.has(fate) for fate in ("frees", "fails")) and problem.view_time == "swept"
         self.steps, self.count, self.size = problem.steps or 0, len(problem.inputs), self.grid.size
         still: Any = games.velocities(0, games.axes, 0, drift=False)
-        layout, terms = layout_of(self.grid, self.scheme.order), together(self.grid, [still], self.scheme)
+        layout, terms = layout_of(self.grid, self.scheme.order), terms_of_inputs(self.grid, [still], self.scheme)
         assert terms is not None
         self.pieces, self.time_steps = (
             games.formula.pieces(list(games.axes)),
@@ -269,7 +269,7 @@ class Game:
 
     def _most(self, values: Any, sets: int, axes: Sequence[int], low: FloatArray, high: FloatArray) -> Any:
         """Maxima over boxes, done but for the last level, as `sdhj.problem.boxes.maxima`: the level, and the values."""
-        ((_, levels),) = _levels(np.stack([low, high], axis=2).astype(float).tobytes(), self.count, 2**30)
+        ((_, levels),) = _maxima_by_axis(np.stack([low, high], axis=2).astype(float).tobytes(), self.count, 2**30)
         functions, grid = 1, self.grid.subgrid(axes)
         for depth, level in enumerate(levels):
             if (key := (level, tuple(axes))) not in self.known:

@@ -29,7 +29,7 @@ from sdhj.plotting.looks import writable_picture
 from sdhj.problem.checks import whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import SUBSTEPS, Trajectory, admissible_states, named, simulate
+from sdhj.simulation.runs import SUBSTEPS, Trajectory, admissible_states, name_of, simulate
 from sdhj.table.controller import Controller
 from sdhj.table.files import replaced_whole
 
@@ -361,8 +361,8 @@ def check_runs(
     touched = np.array([bool(one.touched.any()) for one in replays])
     return PhysicsReport(
         runs=runs,
-        adversary=named(adversary),
-        rule=named(controller.rule),
+        adversary=name_of(adversary),
+        rule=name_of(controller.rule),
         method=controller.table.method,
         seed=seed,
         collided=int(collided.sum()),

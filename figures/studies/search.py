@@ -24,7 +24,7 @@ from sdhj.kernels.compiling import hidden
 from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES
-from sdhj.simulation.runs import SUBSTEPS, admissible_states, check_controller, named, rollouts
+from sdhj.simulation.runs import SUBSTEPS, admissible_states, check_controller, name_of, rollouts
 from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, threads
 from sdhj.table.controller import Controller, NotAdmissible
 
@@ -136,7 +136,7 @@ def search_losing(
             found.append(result)
     played = int(sum(result.pop("rollouts").sum() for result in found))
     arrays = {name: np.concatenate([result[name] for result in found]) for name in found[0]} | {"starts": states}
-    told = {"method": controller.table.method, "rule": named(controller.rule), "seed": seed, "rollouts": played}
+    told = {"method": controller.table.method, "rule": name_of(controller.rule), "seed": seed, "rollouts": played}
     told |= {"population": population, "generations": generations, "seconds": time.perf_counter() - began}
     return SearchReport(**told, **arrays)
 
@@ -242,7 +242,7 @@ class _Search:
 
     def __init__(self, controller: Controller, population: int, switches: int, rng: np.random.Generator) -> None:
         self.controller, self.population, self.rng = controller, population, rng
-        self.shape = (controller.problem.steps, switches, controller.problem.dynamics.adversaries)
+        self.shape = (controller.problem.steps, switches, controller.problem.dynamics.disturbance_dim)
 
     def run(self, starts: FloatArray, generations: int) -> dict[str, FloatArray]:
         """Evolve plans for each start (S, ndim) until it is lost or the generations are over; see `SearchReport`."""

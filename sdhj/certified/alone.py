@@ -46,7 +46,7 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
     shares = reduce(np.multiply, np.ix_(*[axis.shares() for axis in axes]))
     for step in range(steps):
         later = sets[1:] or sets
-        some = [now | _led_into(axes, moves, then) for now, then in zip(sets, later, strict=False)]
+        some = [now | _cells_leading_into(axes, moves, then) for now, then in zip(sets, later, strict=False)]
         if step == 0 and not problem.sensing:  # with `Sensing` nobody arrives but by cells
             for now, t in zip(some, times[1:] or times, strict=True):
                 for move in moves:
@@ -76,7 +76,7 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: 
     return inside.reshape([axis.count for axis in axes])
 
 
-def _led_into(axes: Sequence[CellAxis], moves: Sequence[Displacement], inside: FloatArray) -> FloatArray:
+def _cells_leading_into(axes: Sequence[CellAxis], moves: Sequence[Displacement], inside: FloatArray) -> FloatArray:
     """Which cells at least one of `moves` leads into the set `inside`: bool (*counts), as `inside` is.
 
     axes : the cells of each axis. moves : the displacements by each input, along each of these axes; at least one.

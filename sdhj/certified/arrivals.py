@@ -44,7 +44,7 @@ def sites_of(
     some[list(problem.target.axes)] = True
     counts = np.where(some, [axis.count for axis in axes], 1)
     strides[some] = np.cumprod([1, *counts[:0:-1]])[::-1][some]
-    starts = problem.steps if problem.dynamics.timed or problem.target.moving else 1
+    starts = problem.steps if problem.dynamics.depends_on_time or problem.target.moving else 1
     return strides, (starts, math.prod(counts.tolist()), -(-len(problem.inputs) // 8))
 
 

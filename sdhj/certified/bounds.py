@@ -58,7 +58,9 @@ class Bounds:
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
         j = self.input(j)
         # obligation 2.22
-        return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
+        return within_grid(
+            grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1), signs)
+        )
 
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
@@ -75,7 +77,9 @@ class Bounds:
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
-    def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
+    def bounds_of_level_set(
+        self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float
+    ) -> FloatArray:
         """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
 
         They hold for all times from t0 to t1, s, in the part of each box that is on the grid, and are infinite where
@@ -83,9 +87,9 @@ class Bounds:
 
         part : the set. low, high : the corners of the boxes, (M, axes) each.
         """
-        return self._level(part.axes, part.level_set, low, high, t0, t1)
+        return self._bounds_of_function(part.axes, part.level_set, low, high, t0, t1)
 
-    def _level(
+    def _bounds_of_function(
         self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
         """The least and the greatest value of a function of `axes` over boxes (M, axes) during [t0, t1], s: (2, M).
@@ -135,7 +139,7 @@ class Bounds:
         asked : bool of that shape, the boxes that are asked about; False is returned for all others.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
-        for one in part.level_set.least_of:  # obligation 4.48
+        for one in part.level_set.operands_of_min:  # obligation 4.48
             out &= self._signs(part.axes, one, low, high, times, halvings, out) > 0
         return out
 
@@ -160,16 +164,18 @@ class Bounds:
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in first], np.int8)
-        for at in _in_runs(np.arange(out.size)):
+        for at in _in_batches(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
-            out.ravel()[at] = _sign(self._level(axes, function, picked(first, there), picked(last, there), *times))
+            out.ravel()[at] = _sign(
+                self._bounds_of_function(axes, function, picked(first, there), picked(last, there), *times)
+            )
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at in _in_runs(left):
+        for at in _in_batches(left):
             there = np.unravel_index(at, sizes)
             most = MOST_HALVES * at.size // left.size
             ends = picked(low, there), picked(high, there)
-            out.ravel()[at] = self._halved(axes, function, *ends, times, halvings, most)
+            out.ravel()[at] = self._sign_by_halving(axes, function, *ends, times, halvings, most)
         return out
 
     def inside(
@@ -191,8 +197,12 @@ class Bounds:
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
             middle = (low + high) / 2
-            out[box[self.level(part, middle, middle, *times)[0] > 0.0]] = False  # at once, without cutting
-            left = np.flatnonzero(out[box] & (self.level(part, low, high, *times)[1] > 0.0))  # obligation 9.12
+            out[box[self.bounds_of_level_set(part, middle, middle, *times)[0] > 0.0]] = (
+                False  # at once, without cutting
+            )
+            left = np.flatnonzero(
+                out[box] & (self.bounds_of_level_set(part, low, high, *times)[1] > 0.0)
+            )  # obligation 9.12
             box, low, high, middle = box[left], low[left], high[left], middle[left]
             if turn == halvings or not left.size or left.size << low.shape[1] > most:
                 break
@@ -204,7 +214,7 @@ class Bounds:
         out[box] = False  # obligation 9.14
         return out
 
-    def _halved(
+    def _sign_by_halving(
         self,
         axes: Sequence[int],
         function: Any,
@@ -221,7 +231,7 @@ class Bounds:
         """
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
-            sign = _sign(self._level(axes, function, low, high, *times))
+            sign = _sign(self._bounds_of_function(axes, function, low, high, *times))
             above[box[sign > 0]] = below[box[sign < 0]] = True
             left = (sign == 0) & ~(above & below)[box]
             box, low, high = box[left], low[left], high[left]
@@ -241,7 +251,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
-def _in_runs(places: FloatArray) -> Iterator[FloatArray]:
+def _in_batches(places: FloatArray) -> Iterator[FloatArray]:
     """Yield the indices `places` (n,) in runs of at most `BOXES`, one after the other; none if there are none."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 

@@ -17,7 +17,7 @@ it is held at the wall.
 Where measurements err nobody sees that a state is at a wall, but a controller that remembers may know it: all that its
 point can have led to is held there. For it the state of a layer is at the wall, and errs along the other axes alone. A
 point is in a layer only if it says so, by lying half a shell behind the wall; a measurement, clipped to the grid, never
-does (`Cells.told`).
+does (`Cells.wall_known`).
 """
 
 import math
@@ -48,7 +48,7 @@ FEW_DIGITS = 8  # and with fewer than these a number that twelve digits of a rou
 POWERS = range(-40, 41)  # of two, in which decimals are looked for
 
 
-def exact(value: float) -> Fraction:
+def as_fraction(value: float) -> Fraction:
     """The decimal that `value` is written as, as a fraction: 0.3 is three tenths.
 
     Of all decimals times a power of two that round to this float, it is the one of fewest digits. So a number that was
@@ -58,8 +58,8 @@ def exact(value: float) -> Fraction:
     return _decimal(float(value), "", EXACT_DIGITS) or Fraction(value)
 
 
-def measured(value: float) -> Fraction:
-    """As `exact`, but the decimal may hold to twelve digits only: 0.6000000000000001 is read as six tenths.
+def as_rounded_fraction(value: float) -> Fraction:
+    """As `as_fraction`, but the decimal may hold to twelve digits only: 0.6000000000000001 is read as six tenths.
 
     Such a decimal has at most `FEW_DIGITS` digits.
     """
@@ -90,7 +90,7 @@ def _digits(text: str) -> int:
 
 def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
     """The least and the greatest that the period upper - lower may be; equal where both ends are short decimals."""
-    period = exact(upper) - exact(lower)
+    period = as_fraction(upper) - as_fraction(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
     doubt = Fraction(0) if short else period / 2**49  # obligation 1.4
     return period - doubt, period + doubt
@@ -229,8 +229,8 @@ def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0
     not checked to be at walls.
     """
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
-    extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
-    return CellAxis(exact(lower), extent, width, periodic, layers)
+    extent = period_bounds(lower, upper) if periodic else (as_fraction(upper) - as_fraction(lower),) * 2
+    return CellAxis(as_fraction(lower), extent, width, periodic, layers)
 
 
 def sees_walls(problem: ReachAvoidProblem) -> bool:
@@ -273,21 +273,21 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
     lower, upper = map(int, layers)
     if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
         raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")
-    extent = exact(grid.upper[axis]) - exact(grid.lower[axis])
+    extent = as_fraction(grid.upper[axis]) - as_fraction(grid.lower[axis])
     fits = 0.5 <= extent / Fraction(width) <= MOST_CELLS
     if not fits or axis_of(grid, axis, Fraction(width), (lower, upper)).count != count:
         raise ValueError(f"{reprlib.repr(count)} cells of width {reprlib.repr(width)} do not cover axis {axis}")
     return axis_of(grid, axis, Fraction(width), (lower, upper))
 
 
-def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
+def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> Cells:
     """The cells of all axes as arrays for compiled code.
 
     A layer is there a cell of full width outside the wall, so states at the wall are on its border.
 
     axes : the cells of each axis. rows : how many leading axes number the blocks; the cells of the others are packed
         into bits.
-    told : whether only a point that says so is in a layer (`Cells.told`).
+    wall_known : whether only a point that says so is in a layer (`Cells.wall_known`).
     """
     return Cells(
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
@@ -297,7 +297,7 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
         counts=np.array([axis.count for axis in axes], dtype=np.int64),
         periodic=np.array([axis.periodic for axis in axes]),
         rows=rows,
-        told=told,
+        wall_known=wall_known,
     )
 
 
@@ -310,16 +310,16 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     dynamics = problem.dynamics
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
     return dynamics.constant or (
-        bool(dynamics.formulas) and known and not (dynamics.reads[axis].any() or dynamics.timed)
+        bool(dynamics.formulas) and known and not (dynamics.reads[axis].any() or dynamics.depends_on_time)
     )
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     """The least and the greatest velocity along one axis under input j; only for an axis that `is_steady`.
 
-    Of constant dynamics drift -+ sum |gain| bounds, exactly, of the numbers as `measured` reads them. Of others the
-    bounds that its formulas have, which are rounded, as `measured` reads these. Computed once for each axis and input,
-    and remembered by the problem.
+    Of constant dynamics drift -+ sum |gain| bounds, exactly, of the numbers as `as_rounded_fraction` reads them. Of
+    others the bounds that its formulas have, which are rounded, as `as_rounded_fraction` reads these. Computed once for
+    each axis and input, and remembered by the problem.
     """
     return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
 
@@ -329,15 +329,15 @@ def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fra
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]
-        least, most = dynamics.range(j, anywhere, anywhere, (0.0, 0.0))
-        return measured(least[0, axis]), measured(most[0, axis])
+        least, most = dynamics.velocity_bounds(j, anywhere, anywhere, (0.0, 0.0))
+        return as_rounded_fraction(least[0, axis]), as_rounded_fraction(most[0, axis])
     pushes = zip(dynamics.arrays[1][axis], dynamics.arrays[2], strict=True)
-    push = sum((abs(measured(g)) * measured(b) for g, b in pushes), Fraction(0))
-    drift = measured(dynamics.arrays[0][j, axis])
+    push = sum((abs(as_rounded_fraction(g)) * as_rounded_fraction(b) for g, b in pushes), Fraction(0))
+    drift = as_rounded_fraction(dynamics.arrays[0][j, axis])
     return drift - push, drift + push
 
 
-def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
+def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
     """E along one axis, how far a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
 
     Only for constant dynamics; slow and fast are the least and the greatest velocity under any one input, whose
@@ -347,7 +347,7 @@ def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
         return Fraction(0)
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
     error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
-    return measured(error) + measured(sensing.delay) * (fast - slow) / 2  # obligation 10.1
+    return as_rounded_fraction(error) + as_rounded_fraction(sensing.delay) * (fast - slow) / 2  # obligation 10.1
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
@@ -358,9 +358,9 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
     widened: there the next point is the one that is carried on. Only for an axis that `is_steady`.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
-    off = 0 if memory else 2 * unknown(problem, axis)
-    late = 2 * measured(problem.sensing.jitter)
-    spans = measured(problem.delta) - late, measured(problem.delta) + late  # obligation 10.8
+    off = 0 if memory else 2 * prediction_error_along(problem, axis)
+    late = 2 * as_rounded_fraction(problem.sensing.jitter)
+    spans = as_rounded_fraction(problem.delta) - late, as_rounded_fraction(problem.delta) + late  # obligation 10.8
     return min(slow * span for span in spans) - off, max(fast * span for span in spans) + off
 
 

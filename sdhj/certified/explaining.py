@@ -11,13 +11,13 @@ from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
 from sdhj.certified.limits import Gain
 from sdhj.kernels import FloatArray
-from sdhj.kernels.packed import cells_at, held_in_boxes
+from sdhj.kernels.packed import boxes_in_set, cells_at
 from sdhj.problem.checks import states_array
 from sdhj.problem.findings import Finding, findings
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
-from sdhj.table.explaining import Explanation, Failure, entry_named, refuted
+from sdhj.table.explaining import Explanation, Failure, tube_in_words, why_refuted
 
 TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
@@ -39,18 +39,18 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     """
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
-    entry = entry_named(table, step, within)
+    entry = tube_in_words(table, step, within)
     if table.contains(state, start=step, within=within)[0]:
         ways = np.flatnonzero(table.certified_inputs(state, step, within)[0]).tolist()
         return Explanation(True, f"Certified {entry}" + (f", by inputs {ways}." if within else "."))
     found = np.empty((1 << len(table.axes), len(table.axes)), np.int64)
     if not cells_at(state[0], table.cells, table.proof.shell, found):
         return Explanation(False, "The state is off the grid.")
-    if says := refuted(table, state, step, within):
+    if says := why_refuted(table, state, step, within):
         return Explanation(False, says)
     seen, says = state, f"Not proved at these cells {entry}:"
     if problem.sensing and not table.outside(state, step, within)[0]:  # but not of all that may be measured of it
-        around = table.around(state)[0]
+        around = table.points_of_error_box(state)[0]
         seen = around[table.outside(around, step, within)][:1]
         shown = np.array2string(seen[0], precision=4, separator=", ")
         says = f"Not proved at these cells {entry}, as the state may be measured, or predicted, at {shown}:"
@@ -62,7 +62,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says)
 
 
-def scanty(table: Any) -> Finding | None:
+def scanty_finding(table: Any) -> Finding | None:
     """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
 
     Next to nothing is at most the share `SCANTY` of the state space, and either no more than the target's share or less
@@ -172,7 +172,7 @@ class _Cell:
         Failures of inputs whose tube is clear come first, each kind sorted by how much is missing.
         """
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
-        failures = [self.uncovered(j) if clear[j] else self.met(j) for j in range(len(clear))]
+        failures = [self.image_failure(j) if clear[j] else self.collision_failure(j) for j in range(len(clear))]
         failures.sort(key=lambda one: (one.by not in COVER, -one.short))
         causes, helps = self.limits()
         return Explanation(False, says, tuple(failures), (*helps, *self.helps(failures[0])), causes)
@@ -186,7 +186,7 @@ class _Cell:
 
     # ---- the two obligations
 
-    def uncovered(self, j: int) -> Failure:
+    def image_failure(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube is clear: which cells of its image are not certified.
 
         `Failure.short` is minus the share of the image's cells that are not; it is 0, and `Failure.by` empty, where all
@@ -203,11 +203,11 @@ class _Cell:
         ends = zip(self.problem.grid.names, edges, strict=True)
         where = ", ".join(f"{name} {a:.4g} to {b:.4g}" for name, (a, b) in ends)
         says = f"of {len(cells)} cells that it may lead to {len(lost)} are not certified, within {where}"
-        if self.covered(j):
+        if self.state_image_certified(j):
             return Failure(j, "rounding", -len(lost) / len(cells), f"{says}; from the state alone all are")
         return Failure(j, "image", -len(lost) / len(cells), says)
 
-    def covered(self, j: int) -> bool:
+    def state_image_certified(self, j: int) -> bool:
         """Whether all cells that u_j may lead the state alone to, not its whole cell, are certified next."""
         known, alone = self.table.cells, np.stack([self.state, self.state])
         _, last = self.proof.swept(alone[:, None], j, float(self.cuts[0]), FINEST)
@@ -226,10 +226,10 @@ class _Cell:
         low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
         cells = low + np.indices((high - low + 1).tolist()).reshape(len(low), -1).T
         at, answer = np.ascontiguousarray(cells % known.counts), np.empty((2, len(cells)), np.bool_)
-        held_in_boxes(at, at, known, table.index[self.place], table.pool, answer)
+        boxes_in_set(at, at, known, table.index[self.place], table.pool, answer)
         return cells, ~answer[0]
 
-    def met(self, j: int) -> Failure:
+    def collision_failure(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube may meet something: what is met first, when, and how deep.
 
         What is met is an unsafe set or an unsafe end, which `Failure.by` names; `Failure.short` is the lower bound on
@@ -264,7 +264,9 @@ class _Cell:
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T
             for a, b, begin, end in zip(low[:, own], high[:, own], self.cuts[:-1], self.cuts[1:], strict=True):
                 first = a + corners * (b - a) / pieces
-                level = self.proof.bounds.level(unsafe_set, first, first + (b - a) / pieces, begin - late, end + late)
+                level = self.proof.bounds.bounds_of_level_set(
+                    unsafe_set, first, first + (b - a) / pieces, begin - late, end + late
+                )
                 least.append(float(level[0].min()))
             yield unsafe_set.name, np.array(least)
 
@@ -282,7 +284,7 @@ class _Cell:
                 yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"
         rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics
         states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (TRIED, ndim)))
-        pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.adversaries)) * dynamics.bounds_at(j, t)
+        pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.disturbance_dim)) * dynamics.bounds_at(j, t)
         tried = np.ptp(dynamics.velocity_at(states, j, pushes, t), axis=0)
         bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
         for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE * self.scales / self.problem.delta):

@@ -410,7 +410,7 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
         cell's own index. A place stands for all cells that have the same indices on the axes of the mask.
     """
     problem = table.problem
-    starts, masks, images = problem.steps if problem.dynamics.timed else 1, list[int](), list[FloatArray]()
+    starts, masks, images = problem.steps if problem.dynamics.depends_on_time else 1, list[int](), list[FloatArray]()
     for axis, reads in enumerate(table.proof.depends):
         cells = (
             np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
@@ -469,9 +469,10 @@ def python_answers(
     """
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
-    to_go, safe, chosen = table._words.look(table, states, step, left if problem.has_no_target else min(1, left), rule)
-    proved = table._words.look(table, states, step, left, None)[1]
-    clear = table._words.look(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
+    within = left if problem.has_no_target else min(1, left)
+    to_go, safe, chosen = table._words.look_up(table, states, step, within, rule)
+    proved = table._words.look_up(table, states, step, left, None)[1]
+    clear = table._words.look_up(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
     distances = squared_distances(problem.inputs, problem.inputs[wanted])
     distances[np.arange(count), wanted] = -1.0
     nearest = np.where(proved, distances, np.inf).argmin(axis=1)
@@ -496,7 +497,7 @@ def python_answers(
             )
         out.append(said)
     if problem.sensing.remembers and left:
-        rows, *ends = table.led(states, wanted, step)
+        rows, *ends = table.image_cells(states, wanted, step)
         for m, first, last in zip(rows.tolist(), *ends, strict=True):
             each = [one & 0xFFFFFFFF for pair in zip(first.tolist(), last.tolist(), strict=True) for one in pair]
             out[m] += b"" if where[m] else b"".join(struct.pack("<BI", 0, one) for one in each)

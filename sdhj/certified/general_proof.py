@@ -46,10 +46,10 @@ from sdhj.kernels.stencils import (
 )
 from sdhj.kernels.windows import mark_met
 from sdhj.problem.checks import whole
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.table.files import stored
+from sdhj.table.files import read_array
 
 NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick out of the boxes that it is looked up in
 # obligation 4.4
@@ -211,7 +211,7 @@ class GeneralProof(Images):
         """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
-        require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
+        require_memory(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         marks = np.full(clear, 255, np.uint8), sites, np.zeros(arrives, np.uint8)
         return cls(problem, axes, parts, strides, low, high, *marks)
@@ -230,7 +230,7 @@ class GeneralProof(Images):
     def inputs(
         self,
         some: FloatArray,
-        ahead: FloatArray,
+        steps_left: FloatArray,
         step: int,
         sets: FloatArray,
         pool: FloatArray,
@@ -239,10 +239,10 @@ class GeneralProof(Images):
     ) -> FloatArray:
         """Which of some inputs are certified for cells `some` (M, ndim), indices, at a step: bool (M, L).
 
-        An input is certified if it stays clear and leads all of the cell into the set with ahead[m] - 1 steps to go, or
-        into the target itself.
+        An input is certified if it stays clear and leads all of the cell into the set with steps_left[m] - 1 steps to
+        go, or into the target itself.
 
-        ahead (M,) : the steps to go; 0: no input is certified.
+        steps_left (M,) : the steps to go; 0: no input is certified.
         step : when the interval begins; not used where neither the dynamics nor an unsafe set depend on time.
         sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
@@ -252,21 +252,21 @@ class GeneralProof(Images):
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
         if len(sets) and lines and self.along >= 0:
-            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets[:0], pool, out)
-            inputs_in_lines(some, ahead, self.cells, self.moves(step), self.along, sets, pool, out)
+            certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets[:0], pool, out)
+            inputs_in_lines(some, steps_left, self.cells, self.moves(step), self.along, sets, pool, out)
         else:
-            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
+            certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets, pool, out)
         if len(sets) and len(self.arrives):
             numbers = np.ravel_multi_index(tuple(some.T), self.cells.counts.tolist())
             # obligation 9.16
             bits = clear[numbers] & self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
-            rows = np.flatnonzero(bits.any(axis=1) & (ahead > 0))
+            rows = np.flatnonzero(bits.any(axis=1) & (steps_left > 0))
             every = np.unpackbits(bits[rows], axis=1, count=out.shape[1], bitorder="little").view(np.bool_)
             out[rows] |= every & among[rows]
         return out
 
     @property
-    def stated(self) -> dict[str, Any]:
+    def entry_in_head(self) -> dict[str, Any]:
         """The proof's part of a file's head, which `load` is handed again: values that JSON can hold.
 
         "parts", "own": for each axis whether it is one of a place, "unsure": E; "arrives": True where there are
@@ -293,19 +293,19 @@ class GeneralProof(Images):
     ) -> "GeneralProof":
         """The proof that `save` wrote to an open file; its arrays are read-only.
 
-        stated : what `GeneralProof.stated` was; its "unsure" is not read. axes : the cells of each axis. ValueError
-        where what is stated, or the shape or the type of an array, does not fit the problem and its cells; the bits of
-        the arrays are not checked.
+        stated : what `GeneralProof.entry_in_head` was; its "unsure" is not read. axes : the cells of each axis.
+        ValueError where what is stated, or the shape or the type of an array, does not fit the problem and its cells;
+        the bits of the arrays are not checked.
         """
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
         own = np.array(stated["own"], np.bool_)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
-        arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
+        arrays = read_array(file, "low", "int16", moves), read_array(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        marks = stored(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
+        marks = read_array(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
         if stated.get("arrives"):
-            marks = *marks[:2], stored(file, "arrives", "uint8", arrives)
+            marks = *marks[:2], read_array(file, "arrives", "uint8", arrives)
         proof = cls(problem, axes, parts, strides, *read_only((*arrays, *marks)))
         if "normals" in stated:
             proof._drawn.append(lines_in_file(stated, file, proof))
@@ -317,7 +317,7 @@ class GeneralProof(Images):
     def layout(self) -> Placed:
         """Where the cells are in memory (`Placed`), by place and then by the axes of no place; made once, at first use.
 
-        Every line has one cell here; `_once` replaces the lines.
+        Every line has one cell here; `_mark_alike_cells` replaces the lines.
         """
         counts, depends = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
@@ -346,7 +346,7 @@ class GeneralProof(Images):
         To be called once: the arrays cannot be filled again. progress : whether to show bars, as for `sdhj.solve`.
         ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
-        drawing, arrivals, in_words = Drawing(self), Arrivals(self), self.met_in_words
+        drawing, arrivals, in_words = Drawing(self), Arrivals(self), self.sets_tested_in_words
         mark = partial(self._mark_collisions, self._lattices(progress))
         kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
@@ -370,7 +370,7 @@ class GeneralProof(Images):
         return Packing(self)
 
     @cached_property
-    def met_in_words(self) -> tuple[UnsafeSet, ...]:
+    def sets_tested_in_words(self) -> tuple[UnsafeSet, ...]:
         """The unsafe sets that tubes are tested against for 64 cells at a time (`sdhj.certified.word_tubes.in_words`).
 
         None if there are more than `TUBES_AT_HAND` tubes, which have to be kept for it.
@@ -382,14 +382,14 @@ class GeneralProof(Images):
         )
 
     @property
-    def _met_by_cells(self) -> list[UnsafeSet]:
-        """The unsafe sets that tubes are tested against cell by cell: those that are not in `met_in_words`."""
-        return [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
+    def _sets_tested_by_cell(self) -> list[UnsafeSet]:
+        """The unsafe sets that tubes are tested against cell by cell: those that are not in `sets_tested_in_words`."""
+        return [part for part in self.problem.unsafe if not any(part is one for one in self.sets_tested_in_words)]
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
         """Clear in `clear` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
 
-        unsafe_set : one of `met_in_words`, on d axes.
+        unsafe_set : one of `sets_tested_in_words`, on d axes.
         tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along its axes.
         """
         own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
@@ -402,12 +402,12 @@ class GeneralProof(Images):
             each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
             for start, place in itertools.product(starts, range(tubes.shape[2])):
                 ends = (one[start, :, place].reshape(-1, len(own)) for one in (first, last))
-                met = self._met_at_once(unsafe_set, each, lattice, *ends)
+                met = self._cells_meeting_set(unsafe_set, each, lattice, *ends)
                 steps = range(len(self.clear)) if len(spans) == len(tubes) == 1 else [max(step, start)]
                 for at in steps:
                     self._clear_bits(at, place, unsafe_set, met)
 
-    def _met_at_once(
+    def _cells_meeting_set(
         self, unsafe_set: UnsafeSet, each: Sequence[FloatArray], lattice: Lattice, first: FloatArray, last: FloatArray
     ) -> FloatArray:
         """From which cells of a set's axes the tubes of one place may meet it: bits, (L, n1, ..., W) uint64.
@@ -431,8 +431,8 @@ class GeneralProof(Images):
     def _clear_bits(self, step: int, place: int, unsafe_set: UnsafeSet, met: FloatArray) -> None:
         """Clear in clear[step], in place, the bits of the inputs by which cells at one place may meet `unsafe_set`.
 
-        place : its number. met (L, n1, ..., W) uint64 : as `_met_at_once` returns it; it holds for cells anywhere on
-        the axes that neither the set nor a place has.
+        place : its number. met (L, n1, ..., W) uint64 : as `_cells_meeting_set` returns it; it holds for cells anywhere
+        on the axes that neither the set nor a place has.
         """
         inside, others = np.zeros((2, len(self.axes)), np.bool_)
         inside[list(unsafe_set.axes[:-1])], others[self.strides == 0] = True, True
@@ -453,10 +453,10 @@ class GeneralProof(Images):
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
         It does so for all steps that have these moves; sets that stand still are tested once for all of them. Sets in
-        `met_in_words`, and those that do not count under u_j, are left out.
+        `sets_tested_in_words`, and those that do not count under u_j, are left out.
 
-        lattices : for each set in `_met_by_cells` one lattice for each step, or a single one if the set stands still
-            (`_lattices`).
+        lattices : for each set in `_sets_tested_by_cell` one lattice for each step, or a single one if the set stands
+            still (`_lattices`).
         start : the index of the interval in `low` and `high`.
         some (M,) : places, consecutive numbers.
         tubes (M, parts, ndim, 2) : their tubes, as `Images.swept` returns them.
@@ -470,25 +470,29 @@ class GeneralProof(Images):
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._once(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
+            self._mark_alike_cells(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
         # obligation 4.47
-        own = [one for one, part in zip(lattices, self._met_by_cells, strict=True) if part.counts(j)]
+        own = [one for one, part in zip(lattices, self._sets_tested_by_cell, strict=True) if part.counts(j)]
         for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
-            self._met(still, tubes, places, lattice[0], bit)
+            self._clear_where_tubes_meet(still, tubes, places, lattice[0], bit)
         for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
             clear = self.clear[step, :, j // 8] & still
             for lattice in (one for one in own if len(one) > 1):  # obligation 4.10
-                self._met(clear, tubes, places, lattice[step], bit)  # obligation 4.11
+                self._clear_where_tubes_meet(clear, tubes, places, lattice[step], bit)  # obligation 4.11
             self.clear[step, :, j // 8] = clear
 
-    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
+    def _clear_where_tubes_meet(
+        self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any
+    ) -> None:
         """Clear `bit`, a mask, in `clear` (cells,) uint8, in place, for cells whose tube may meet the set of a lattice.
 
         tubes (M, parts, ndim, 2) : of the places with numbers places[0] to places[1] - 1; cells at others are left.
         """
-        self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
+        self._mark_alike_cells(
+            clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some)
+        )
 
-    def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
+    def _mark_alike_cells(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
         """Let `mark` clear bits of `clear` (cells,) uint8, in place, looking at one cell of those that are alike.
 
         axes : those of an unsafe set, or with an unsafe end. mark(bits, layout) : clears bits of `bits` (cells,) uint8,
@@ -533,7 +537,7 @@ class GeneralProof(Images):
         Of a set that stands still one step with one part, all of the problem's time.
         """
         if not unsafe_set.moving:
-            return [[self._always]]
+            return [[self._all_times]]
         length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
         for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
             # obligation 4.7
@@ -542,14 +546,14 @@ class GeneralProof(Images):
         return out
 
     def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
-        """For each set in `_met_by_cells` its lattices (`lattice_of`): one for each step, or one if it stands still.
+        """For each of `_sets_tested_by_cell` its lattices (`lattice_of`): one for each step, or one if it stands still.
 
         progress : whether to show a bar, as for `sdhj.solve`. centres : count the boxes whose centre may be in the set.
         """
         made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
         return [
             [made(part, times, len(spans), self._sway) for times in spans]
-            for part in tqdm(self._met_by_cells, desc="unsafe sets", leave=False, disable=hidden(progress))
+            for part in tqdm(self._sets_tested_by_cell, desc="unsafe sets", leave=False, disable=hidden(progress))
             for spans in [self._spans(part)]
         ]
 
@@ -562,12 +566,12 @@ class GeneralProof(Images):
         """
         problem, t = self.problem, self.problem.time(step)  # obligation 9.5
         # obligation 9.6
-        times = self._always if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
+        times = self._all_times if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         if not problem.has_no_target:
             out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
         # what stands still is asked once: of all cells, unless there is one goal only
-        still = self.clear_of(False, self._always, out) if self.time_invariant else self._clear_of_still
+        still = self.clear_of(False, self._all_times, out) if self.time_invariant else self._clear_of_still
         out &= still
         out &= self.clear_of(True, times, out)  # obligation 9.4
         return to_words(out.reshape(-1, self.axes[-1].count))
@@ -575,7 +579,7 @@ class GeneralProof(Images):
     @kept
     def _clear_of_still(self) -> FloatArray:
         """Which cells are outside the unsafe sets that stand still: bool (*counts), as `clear_of`; computed once."""
-        return self.clear_of(False, self._always, np.ones([axis.count for axis in self.axes], np.bool_))
+        return self.clear_of(False, self._all_times, np.ones([axis.count for axis in self.axes], np.bool_))
 
     def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
         """Which cells are outside the unsafe sets that move, or that stand still, at all `times`, s: bool (*counts).

@@ -32,13 +32,13 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
-from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, sees_walls, unknown
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, prediction_error_along, sees_walls
 from sdhj.certified.oblique import Lines, no_lines
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
-from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
+from sdhj.kernels.pieces import clip_to_walls, guess_enclosure, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, has_lines
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
@@ -55,16 +55,16 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
-    Of constant dynamics it is what `unknown` returns. Of others it is the error of a measurement where there is no
-    delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity within E of
-    a prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most `GUESSES`.
-    ValueError where none is found within the grid.
+    Of constant dynamics it is what `prediction_error_along` returns. Of others it is the error of a measurement where
+    there is no delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity
+    within E of a prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most
+    `GUESSES`. ValueError where none is found within the grid.
     """
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
         return np.zeros(ndim)
     if problem.dynamics.constant:
-        return np.array([float(unknown(problem, axis)) for axis in range(ndim)])
+        return np.array([float(prediction_error_along(problem, axis)) for axis in range(ndim)])
     error = np.broadcast_to(np.array(sensing.error), (ndim,)).copy()
     if not sensing.delay:
         return error
@@ -86,7 +86,12 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     disturbances v and times of a delay.
     """
     calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
-    grid, timed, delay, disturbed = problem.grid, problem.dynamics.timed, problem.sensing.delay, Bounds(problem)
+    grid, timed, delay, disturbed = (
+        problem.grid,
+        problem.dynamics.depends_on_time,
+        problem.sensing.delay,
+        Bounds(problem),
+    )
     known = problem.dynamics.reads.any(axis=0)
     pieces = np.where(known, min(int(PIECES ** (1 / max(known.sum(), 1))), PIECES_OF_AN_AXIS), 1)
     corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
@@ -172,6 +177,11 @@ class Proof:
         return self.problem.has_no_target
 
     @property
+    def all_at_first(self) -> bool:
+        """Whether all cells are looked at for S_k^1, not only those whose images may hold cells of S_{k+1}^0."""
+        return self.shrinks
+
+    @property
     def phases(self) -> int:
         """After how many steps in a row without a change sets will not change any more; here 1.
 
@@ -241,7 +251,7 @@ def moves_of(
     """
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
     strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
-    timed = problem.steps if problem.dynamics.timed else 1
+    timed = problem.steps if problem.dynamics.depends_on_time else 1
     return strides, (timed, len(problem.inputs), math.prod(counts[depends].tolist()), len(axes))
 
 
@@ -282,7 +292,7 @@ class Images(Proof):
         return Bounds(self.problem)
 
     @cached_property
-    def layered(self) -> bool:
+    def has_layers(self) -> bool:
         """Whether any axis has layers."""
         return any(any(axis.layers) for axis in self.axes)
 
@@ -293,7 +303,7 @@ class Images(Proof):
         return np.where(self.cells.layers == 1, edges, [[-np.inf], [np.inf]])
 
     @property
-    def _always(self) -> tuple[float, float]:
+    def _all_times(self) -> tuple[float, float]:
         """Times, s, between which all intervals of the problem lie: 0 and t_N, or infinity without a number of steps.
 
         t_N is N delta, and later by the delay of a `Sensing`.
@@ -409,7 +419,7 @@ class Images(Proof):
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
             """The numbers (M,) of the places of a slab, and what `swept` returns for them under u_j."""
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
-            return places, self.reached(places, j, self.problem.time(start), pieces)  # obligation 2.13
+            return places, self.tubes_of_places(places, j, self.problem.time(start), pieces)  # obligation 2.13
 
         with (
             tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
@@ -427,7 +437,7 @@ class Images(Proof):
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
-    def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
+    def tubes_of_places(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
         """What `Images.swept` returns for the cells at places (M,), widened by the shell, under u_j: (tubes, last).
 
         How far their ends move during each part of an interval, (M, parts, ndim, 2), and up to its end, (M, ndim, 2).
@@ -463,14 +473,17 @@ class Images(Proof):
         ValueError where a velocity has no bound, or grows too fast for one to be found.
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
-        off = SIDES * self._off(start)
-        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + off)  # obligation 2.6
+        off = SIDES * self._prediction_error(start)
+        tubes, moved = (
+            np.empty((many, self.parts, ndim, 2)),
+            self._clipped_at_walls(start, before + off),
+        )  # obligation 2.6
         length, early = self.problem.sensing.hold(self.problem.delta)  # obligation 2.10
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
             tube = [moved[0], moved[1]]  # obligation 2.28
             cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
-            if part == 0 and self.layered:
+            if part == 0 and self.has_layers:
                 cuts.insert(1, length * BESIDE_LAYER)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
@@ -485,9 +498,9 @@ class Images(Proof):
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
         # obligation 2.7
         last = self._clipped(start, last) if self.problem.sensing.remembers else last + SIDES * self.prediction_error
-        return tubes, np.moveaxis(self._held(start, last), 0, 2)
+        return tubes, np.moveaxis(self._clipped_at_walls(start, last), 0, 2)
 
-    def _off(self, start: FloatArray) -> FloatArray:
+    def _prediction_error(self, start: FloatArray) -> FloatArray:
         """How far a state may be off a prediction in boxes `start` (2, M, ndim), along each axis: E, (M, ndim).
 
         For a controller that remembers, 0 along an axis on which the box is a layer: there the state is known to be at
@@ -543,14 +556,14 @@ class Images(Proof):
                 fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)  # obligation 2.17
         after = moved.copy()
         move_on(after, fastest, h)
-        return self._held(start, after)
+        return self._clipped_at_walls(start, after)
 
-    def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
+    def _clipped_at_walls(self, start: FloatArray, moved: FloatArray) -> FloatArray:
         """Clip `moved` in place so that start + moved ends at walls, rounded outward, and return it.
 
         start (2, M, ndim) : boxes. moved (2, M, ndim) : the displacements of their ends.
         """
-        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
+        clip_to_walls(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(
@@ -559,7 +572,7 @@ class Images(Proof):
         """Where boxes are at the begin of a piece, start + moved, and boxes that their states stay in during it.
 
         Two arrays (2, M, ndim). The second is found by trying larger boxes until X + [0, h] V lies inside, V the
-        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded`) after `TRIES`.
+        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded_error`) after `TRIES`.
 
         start, moved, before (2, M, ndim) : the boxes, their ends' displacements at the begin of the piece, and what
             these gained in the piece before. j : the input. times : when the piece begins and ends, s.
@@ -569,7 +582,7 @@ class Images(Proof):
         for _ in range(TRIES):
             velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.26
             if sweep(ends, velocity, h, shift_invariant, self.shell, enclosure, out):
-                if self.layered:
+                if self.has_layers:
                     out[0] = np.where(~shift_invariant & (velocity[0] >= 0.0), ends[0], out[0])  # obligation 2.4
                     out[1] = np.where(~shift_invariant & (velocity[1] <= 0.0), ends[1], out[1])  # obligation 2.5
                 return ends, out
@@ -578,9 +591,11 @@ class Images(Proof):
             if not np.isfinite(wider_enclosure).all():
                 break
             enclosure = wider_enclosure
-        raise self._unbounded(j, ends, enclosure, times)
+        raise self._unbounded_error(j, ends, enclosure, times)
 
-    def _unbounded(self, j: int, ends: FloatArray, enclosure: FloatArray, times: tuple[float, float]) -> ValueError:
+    def _unbounded_error(
+        self, j: int, ends: FloatArray, enclosure: FloatArray, times: tuple[float, float]
+    ) -> ValueError:
         """The ValueError for boxes `ends` for which no larger ones are found that states stay in; it is returned.
 
         It names the velocity under u_j that has no bound, or else the widest of the boxes that were tried last,

@@ -32,7 +32,7 @@ from sdhj.certified.packing import Changes, Packing
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import to_words
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 
 MOST_VERTICES = 64
@@ -60,6 +60,11 @@ class LosingProof(Images):
         """Whether sets of lost cells lose cells, rather than gain them, with every step to go: with a target."""
         return not self.problem.has_no_target
 
+    @property
+    def all_at_first(self) -> bool:
+        """Whether all cells are asked about for Lost_k^1: yes, as who leaves over an unsafe end is led into no cell."""
+        return True
+
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
         """A proof with room for its moves, which `prepare` fills.
@@ -76,7 +81,7 @@ class LosingProof(Images):
             raise ValueError(f"the adversary's box has {len(vertices)} vertices; at most {MOST_VERTICES} are tried")
         strides, (starts, count, *rest) = moves_of(problem, axes, place_axes(problem, axes))
         shape = (starts, count * len(vertices), *rest)
-        require(6 * int(np.prod(shape)), "looking for what is lost", "use fewer cells")
+        require_memory(6 * int(np.prod(shape)), "looking for what is lost", "use fewer cells")
         low, high = np.zeros((2, *shape), np.int16)
         return cls(problem, axes, parts, strides, low, high, read_only(vertices))
 
@@ -110,7 +115,7 @@ class LosingProof(Images):
         moving = [part for part in always if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
         for part in always:
-            still |= False if part.moving else self.over_cells(part, self._always) < 0
+            still |= False if part.moving else self.over_cells(part, self._all_times) < 0
         out = []
         for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):
             met = [self.over_cells(part, (t, t)) < 0 for part in moving]
@@ -125,7 +130,7 @@ class LosingProof(Images):
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.has_no_target:
             return inside
-        outside = self.over_cells(self.problem.target, self._always if self.time_invariant else (t, t)) > 0
+        outside = self.over_cells(self.problem.target, self._all_times if self.time_invariant else (t, t)) > 0
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 

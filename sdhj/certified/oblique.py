@@ -26,7 +26,7 @@ from sdhj.formulas.formula import Ends, Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.oblique import draw_lines
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.files import stored
+from sdhj.table.files import read_array
 
 FAN = 8  # normals in the plane of two axes where one component has many, half a turn of them
 SAME = 1e-9  # normals that are nearer to each other are one
@@ -75,7 +75,7 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     still = gain if isinstance(gain, Formula) and all(one.op == "const" for one in gain.outputs) else None
     for pair in combinations(np.flatnonzero(~depends).tolist(), 2):
         own_pair = list(pair)
-        if not (max(dynamics.cuts(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
+        if not (max(dynamics.pieces_of_components(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
             continue
         some = [np.array(direction) for direction in ((1.0, 0.0), (0.0, 1.0))]
         if still is not None:
@@ -115,14 +115,14 @@ def rates_along(
             return np.min([one[0] for one in pieces], axis=0), np.max([one[1] for one in pieces], axis=0)
         (least, most), gain = (dynamics.each[name][j].bounds(low, high, times) for name in ("drift", "gain"))
         a, b = _component(normals, least, most)
-        for d in range(dynamics.adversaries):
+        for d in range(dynamics.disturbance_dim):
             push = np.maximum(*np.abs(_component(normals, gain[0][:, :, d], gain[1][:, :, d]))) * v_most[d]
             a, b = a - push, b + push  # obligation 2.42
         return a, b
 
-    ends = dynamics.disturbance(j, low, high, times)
+    ends = dynamics.disturbance_bounds(j, low, high, times)
     v_most = ends[1]
-    cuts = zip(ends.T, dynamics.cuts(np.flatnonzero(normals.any(axis=0)).tolist()), strict=True)
+    cuts = zip(ends.T, dynamics.pieces_of_components(np.flatnonzero(normals.any(axis=0)).tolist()), strict=True)
     nodes = [np.linspace(end[0], end[1], cut + 1).tolist() for end, cut in cuts]
     cut = list(product(*(list(pairwise(one)) for one in nodes)))
     return within_grid(grid, range(grid.ndim), low, high, bounded)
@@ -283,4 +283,4 @@ def lines_in_file(stated: Mapping[str, Any], file: h5py.File, proof: Any) -> Lin
     if not fits or not np.isfinite(normals).all() or normals[:, depends].any() or halo.shape != (2, ndim):
         raise ValueError(f"lines must lie between planes along axes that no velocity depends on, got {normals}")
     rows = rows_of(normals, *(moves.reshape(-1, ndim) for moves in (proof.low, proof.high)))
-    return Lines(*read_only((normals, halo, stored(file, "lines", "int16", (*proof.low.shape[:3], rows, 2)))))
+    return Lines(*read_only((normals, halo, read_array(file, "lines", "int16", (*proof.low.shape[:3], rows, 2)))))

@@ -53,7 +53,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
     the points that are carried on, whose state is within E: the image is widened by E before and shrunk by E after, to
     its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`). What is
     held at a wall as a whole is known there: the state of a layer is not widened along its axis, and no point but one
-    that says so is in it (`Cells.told`).
+    that says so is in it (`Cells.wall_known`).
     [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.

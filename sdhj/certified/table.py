@@ -20,15 +20,15 @@ from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
-from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
+from sdhj.kernels.packed import TOUCHING, Cells, boxes_in_set, fewest_steps, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import tell
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import recursion, unsettled
+from sdhj.solver.recursion import recursion, unsettled_finding
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
-from sdhj.table.files import PACKING, TableFileError, stored, written_table
+from sdhj.table.files import PACKING, TableFileError, read_array, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -136,7 +136,7 @@ class CertifiedTable(Table):
         place = self.tube_index(start, within)
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
-            around = self.around(np.atleast_2d(points)[out])
+            around = self.points_of_error_box(np.atleast_2d(points)[out])
             kept = ~self.outside(around.reshape(-1, len(self.axes)), start, within)
             out[out] = kept.reshape(around.shape[:2]).all(axis=1)
         return out
@@ -158,7 +158,7 @@ class CertifiedTable(Table):
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
 
-    def around(self, states: FloatArray) -> FloatArray:
+    def points_of_error_box(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
         The corners of the box among them. Clipped at bounded ends that are not safe. Where all of them are in a set of
@@ -201,13 +201,15 @@ class CertifiedTable(Table):
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
             last = np.clip(last, first, cells.counts - 1).astype(np.int64)
-            if spare[0] > 0 and not cells.told:  # all of a box that is no wider than a layer's shell is in the layer
+            if (
+                spare[0] > 0 and not cells.wall_known
+            ):  # all of a box that is no wider than a layer's shell is in the layer
                 at_walls = high - cells.lower <= begin + spare, low - cells.lower >= end - spare
                 for at_wall, layer, place in zip(
                     at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True
                 ):
                     first, last = (np.where(at_wall & (layer > 0), place, one) for one in (first, last))
-            held_in_boxes(first, last, cells, index, self.pool, answer)
+            boxes_in_set(first, last, cells, index, self.pool, answer)
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
@@ -256,15 +258,15 @@ class CertifiedTable(Table):
         return out * (self.steps - step + 1) if self.problem.has_no_target else out
 
     def inputs_of(
-        self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
+        self, cells: FloatArray, steps_left: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
     ) -> FloatArray:
         """Which inputs are certified from all states of cells (M, ndim) at a step: bool (M, L).
 
         At the last step none is.
 
         cells : indices int64, on the grid, which is not checked.
-        ahead (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set with
-            ahead - 1; 0: none is.
+        steps_left (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set
+            with steps_left - 1; 0: none is.
         among (M, L) bool : the inputs that are asked about, by default all; False for others.
         lines : whether the cells come in lines along `proof.along`, which takes less time.
         """
@@ -272,7 +274,7 @@ class CertifiedTable(Table):
         if step == self.steps:
             return np.zeros_like(among)
         sets = self.index[self.tube_index(step + 1, 0) : self.tube_index(step + 1, self.steps) + 1]
-        return self.proof.inputs(cells, ahead, step, sets, self.pool, among, lines)
+        return self.proof.inputs(cells, steps_left, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L).
@@ -282,7 +284,7 @@ class CertifiedTable(Table):
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
-    def next_bounds(
+    def bounds_of_next_points(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The boxes in which a controller that remembers goes on, and how far from them the next measurement may be.
@@ -290,10 +292,10 @@ class CertifiedTable(Table):
         Returns three arrays (M, ndim). The lower and the upper corners: the ends of the cells that points (M, ndim) at
         a step are led to under inputs (M,), indices, or a point half a shell behind a wall where all of them are its
         layer; NaN for a point off the grid. And how far the measurement may be along each axis: 2 E, or E where both
-        corners are the same. If several cells are within the shell of a point, that counts which `led` takes.
+        corners are the same. If several cells are within the shell of a point, that counts which `image_cells` takes.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
-        rows, begin, end = self.led(points, inputs, step)
+        rows, begin, end = self.image_cells(points, inputs, step)
         low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
         cells, behind = self.cells, 0.5 * self.proof.shell  # a wall: the one point of a layer
         lower, length = cells.lower + cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
@@ -302,7 +304,9 @@ class CertifiedTable(Table):
             low[rows], high[rows] = (np.where(known, point, one[rows]) for one in (low, high))
         return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
 
-    def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def image_cells(
+        self, points: FloatArray, inputs: FloatArray, step: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The cells that points (M, ndim) at a step are led to under inputs (M,), indices: (rows, first, last).
 
         rows (R,) : the indices of the points that are on the grid.
@@ -317,9 +321,13 @@ class CertifiedTable(Table):
         rows, cells = rows[:some], cells[:some]
         fewest, each = self.fewest(cells, step), np.arange(some)
         held = fewest <= left
-        aheads = [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
-        good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
-        nearest = np.where(good[0], aheads[0], left + 1)
+        steps_tried = (
+            [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
+        )
+        good = [
+            self.inputs_of(cells, np.where(held, steps_left, 0), step)[each, inputs[rows]] for steps_left in steps_tried
+        ]
+        nearest = np.where(good[0], steps_tried[0], left + 1)
         order = np.lexsort([each, ~np.logical_or.reduce(good), nearest, rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
         return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
@@ -377,7 +385,7 @@ class CertifiedTable(Table):
         The magnitude is the distance from the unsafe sets, by their level-set functions, of where the input leads at
         the interval's end without an adversary; it proves nothing. step : before the last.
         """
-        clear = self._words.look(self, states, step, CLEAR, None)[1]
+        clear = self._words.look_up(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
         inputs = np.tile(np.arange(clear.shape[1]), len(states))
@@ -401,7 +409,7 @@ class CertifiedTable(Table):
         left = self.steps - step
         within = left if self.problem.has_no_target else min(within, left)
         rule = "deepest" if scores is None else None
-        to_go, safe, best = self._words.look(self, states, step, within, rule)
+        to_go, safe, best = self._words.look_up(self, states, step, within, rule)
         if self.problem.has_no_target:
             to_go[to_go >= 0] = left
         if scores is not None:
@@ -411,7 +419,7 @@ class CertifiedTable(Table):
         batch.table = self
         return batch
 
-    def chosen(self, batch: Batch, rule: str) -> FloatArray:
+    def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
         """The input that a built-in rule prefers at the centre of each state's cell: (M,), -1 where no input is safe.
 
         batch : what `answers` has returned for the states, without scores. rule : a name in `sdhj.table.rules.RULES`.
@@ -419,7 +427,7 @@ class CertifiedTable(Table):
         return (
             batch.best.copy()
             if rule == "deepest"
-            else self._words.look(self, batch.states, batch.step, batch.within, rule)[2]
+            else self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
@@ -431,11 +439,11 @@ class CertifiedTable(Table):
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
-    def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
+    def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Whether each input passes the check against the true sets, as controllers ask any table: all True, (M,).
 
         Nothing needs to be checked, as safe inputs are proved. Of the arguments only the length of `inputs` (M,) is
-        used; the contract is that of `sdhj.table.batches.Table.passes`.
+        used; the contract is that of `sdhj.table.batches.Table.passes_true_sets`.
         """
         return np.ones(len(inputs), np.bool_)
 
@@ -461,10 +469,10 @@ class CertifiedTable(Table):
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
-        return float(np.sum(self._measures[self.index[self.tube_index(start, within)]] * shares))
+        return float(np.sum(self._block_volumes[self.index[self.tube_index(start, within)]] * shares))
 
     @kept
-    def _measures(self) -> FloatArray:
+    def _block_volumes(self) -> FloatArray:
         """The share of the packed axes' volume that each block of the pool holds, (blocks,); computed once."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
         shares = _product([axis.shares() for axis in axes])
@@ -563,7 +571,7 @@ class CertifiedTable(Table):
         }
         if self.cells.layers.any():
             cells["layers"] = [list(axis.layers) for axis in self.axes]
-        with written_table(path, self, cells=cells, proof=self.proof.stated) as file:
+        with written_table(path, self, cells=cells, proof=self.proof.entry_in_head) as file:
             file.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
             chunks = (min(len(self.pool), 4096), self.pool.shape[1])
             file.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
@@ -587,8 +595,8 @@ class CertifiedTable(Table):
         proof = PROOFS[cells["kind"]].load(head["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
         one_for_all = {1, problem.steps + 1} if problem.time_invariant else set()
-        index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
-        pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
+        index = read_array(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
+        pool = read_array(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if problem.has_no_target and head["details"].get("endless") and len(index) > 1:
             raise ValueError("it says to be for ever, and its sets are for some steps")
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
@@ -621,7 +629,7 @@ class CellSets:
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as (step, 0)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
@@ -634,7 +642,7 @@ class CellSets:
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
-        every = self.proof.shrinks and within == 1
+        every = self.proof.all_at_first and within == 1
         self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
         if within == 1:
             self.proof.add_arriving(self.cells, step)
@@ -642,7 +650,7 @@ class CellSets:
         if self.proof.problem.steps is None:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
-    def stopped(self, step: int, within: int) -> bool:
+    def unchanged(self, step: int, within: int) -> bool:
         """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1).
 
         If the proof has several `phases`, whether the set has not changed for so many steps.
@@ -650,7 +658,7 @@ class CellSets:
         last = range(within - self.proof.phases + 1, within + 1)
         return last[0] > 0 and not any(self._added(step, n)[0].size for n in last)
 
-    def share(self, step: int, within: int) -> None:
+    def repeat(self, step: int, within: int) -> None:
         """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True
@@ -677,7 +685,7 @@ class CellSets:
             last = max(changed, default=1)
             facts |= {"endless": True} if self.settled or not problem.has_no_target else {}
             if not self.settled:
-                tell(unsettled(problem, last, self.changing))
+                tell(unsettled_finding(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.words import FREE, INPUTS, NOTHING, keep, look_up
+from sdhj.kernels.words import FREE, INPUTS, NOTHING, look_up, store_words
 from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, Batch
 from sdhj.table.rules import RULES, Candidates
 
@@ -41,21 +41,27 @@ class ProvedBatch(Batch):
 
         Computed once, from `table`, which must have been set.
         """
-        ahead = np.maximum(self.steps_to_go, self.within)
+        steps_left = np.maximum(self.steps_to_go, self.within)
         moves = self.table.problem.interval(self.step).displacements(self.states)
         rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
-        return margins_of(self.table, self.states, self.step, ahead, self.safe, moves, rows)
+        return margins_of(self.table, self.states, self.step, steps_left, self.safe, moves, rows)
 
 
 def margins_of(
-    table: Any, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray, moves: FloatArray, rows: FloatArray
+    table: Any,
+    states: FloatArray,
+    step: int,
+    steps_left: FloatArray,
+    safe: FloatArray,
+    moves: FloatArray,
+    rows: FloatArray,
 ) -> FloatArray:
     """The margin of each safe input of states (M, ndim) at a step, +inf for others: (M, L).
 
-    min(steps to go of the undisturbed successor - (ahead - 1), 0); past a safe end the successor has 0 steps to go.
+    min(steps to go of the undisturbed successor - (steps_left - 1), 0); past a safe end the successor has 0 to go.
 
     table : the `CertifiedTable`. step : before the last, unless no input is safe.
-    ahead (M,) : the steps to go by which inputs were judged.
+    steps_left (M,) : the steps to go by which inputs were judged.
     safe (M, L) : bool.
     moves (R, L, ndim), rows (M,) : the successors of state m are states[m] + moves[rows[m]].
     """
@@ -66,7 +72,7 @@ def margins_of(
         after = table.steps_to_go(table.grid.clipped(moved), step + 1)
         if table.grid.has("frees"):
             after[table.grid.beyond(moved, "frees")] = 0  # out of danger for good
-        margins[pairs, inputs] = np.minimum(after - (ahead[pairs] - 1), 0)  # an integrator's error proves nothing
+        margins[pairs, inputs] = np.minimum(after - (steps_left[pairs] - 1), 0)  # an integrator's error proves nothing
     return margins
 
 
@@ -94,16 +100,16 @@ def words_of(
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
     held = np.flatnonzero(to_go <= table.steps - step)
-    some, to_go, ahead = cells[held], to_go[held], np.maximum(to_go[held], within)
+    some, to_go, steps_left = cells[held], to_go[held], np.maximum(to_go[held], within)
     if within == CLEAR:
         safe = table.clear_inputs(some, step)
     else:
-        safe = table.inputs_of(some, ahead, step, None if among is None else inputs_in(among[held], count), lines)
+        safe = table.inputs_of(some, steps_left, step, None if among is None else inputs_in(among[held], count), lines)
     bits = np.zeros((held.size, 4 * -(-count // 32)), np.uint8)
     bits[:, : -(-count // 8)] = np.packbits(safe, axis=1, bitorder="little")
     made = np.empty((held.size, INPUTS + bits.shape[1] // 4), np.uint32)
     made[:, 0], made[:, INPUTS:] = to_go, bits.view("<u4")
-    made[:, 1] = chosen_of(table, some, step, ahead, to_go, safe, rule)  # -1 becomes NOTHING
+    made[:, 1] = chosen_of(table, some, step, steps_left, to_go, safe, rule)  # -1 becomes NOTHING
     out = np.zeros((len(cells), made.shape[1]), np.uint32)
     out[:, :INPUTS] = NOTHING
     out[held] = made
@@ -117,11 +123,11 @@ def inputs_in(words: FloatArray, count: int) -> FloatArray:
 
 
 def chosen_of(
-    table: Any, cells: FloatArray, step: int, ahead: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
+    table: Any, cells: FloatArray, step: int, steps_left: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
 ) -> FloatArray:
     """The safe input that a rule prefers at the centre of each cell (M, ndim) at a step: (M,), -1 where none is safe.
 
-    table : the `CertifiedTable`. ahead, to_go (M,) : the steps to go by which inputs were judged, and the fewest.
+    table : the `CertifiedTable`. steps_left, to_go (M,) : the steps to go by which inputs were judged, and the fewest.
     safe (M, L) : bool, the safe inputs.
     rule : a built-in rule by its name, one of `RULES`; or a tuple of all inputs, of which the first safe one is
         preferred; or None: the safe input of least index. Not asked where one input only is safe.
@@ -140,7 +146,7 @@ def chosen_of(
     _, first, rows = np.unique(places, return_index=True, return_inverse=True)
     moves = table.problem.interval(step).displacements(centres[first])
     rows = rows if len(moves) > 1 else np.zeros(some.size, np.int64)
-    margins = margins_of(table, centres, step, ahead[some], safe[some], moves, rows)
+    margins = margins_of(table, centres, step, steps_left[some], safe[some], moves, rows)
     if rule == "deepest":
         chosen[some] = margins.argmin(axis=1)
         return chosen
@@ -162,20 +168,20 @@ def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
 
 
 class Words:
-    """The words of a certified table that have been asked for, a `Layer` for each step, within and rule.
+    """The words of a certified table that have been asked for, a `WordTable` for each step, within and rule.
 
     layers : by (start, within, rule); start is 0 where a word is one of all steps. Several threads may ask.
     """
 
     def __init__(self) -> None:
         """No words are known yet."""
-        self.layers: dict[Any, Layer] = {}
+        self.layers: dict[Any, WordTable] = {}
 
     def __reduce__(self) -> Any:
         """Copy and pickle as an object without words."""
         return Words, ()  # locks cannot be copied
 
-    def look(
+    def look_up(
         self, table: Any, states: FloatArray, step: int, within: int, rule: Rule
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps to go (M,), proved inputs (M, L) bool and preferred inputs (M,) of states (M, ndim) at a step.
@@ -192,7 +198,7 @@ class Words:
         start = 0 if alike else step
         key, width = (start, within, rule), INPUTS + -(-len(table.problem.inputs) // 32)
         if key not in self.layers:
-            self.layers.setdefault(key, Layer(width))
+            self.layers.setdefault(key, WordTable(width))
         layer, count = self.layers[key], len(states)
         out = (
             np.empty(count, np.int64),
@@ -201,11 +207,11 @@ class Words:
         )
         for begin in range(0, count, CHUNK):
             some = slice(begin, begin + CHUNK) if count > CHUNK else slice(None)
-            layer.look(table, states[some], key, table.steps - step, tuple(part[some] for part in out))
+            layer.look_up(table, states[some], key, table.steps - step, tuple(part[some] for part in out))
         return out
 
 
-class Layer:
+class WordTable:
     """The words for one step, within and rule, in a hash table by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
@@ -220,7 +226,7 @@ class Layer:
         """
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
-    def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
+    def look_up(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
         """Write the answers for states (M, ndim) into `out`, and first make and keep the words that are missing.
 
         The lock is held while words are looked up and kept, not while they are made.
@@ -254,5 +260,5 @@ class Layer:
             held = self.keys != FREE
             old = (self.keys[held], self.words[held]) if slots <= MOST_SLOTS else (numbers[:0], made[:0])
             self.empty(max(FIRST_SLOTS, min(slots, MOST_SLOTS)), made.shape[1])
-            self.used += keep(*old, self.keys, self.words)
-        self.used += keep(numbers, made, self.keys, self.words)
+            self.used += store_words(*old, self.keys, self.words)
+        self.used += store_words(numbers, made, self.keys, self.words)

@@ -92,7 +92,7 @@ def _users_line() -> str:
     return "file {0.filename}, line {0.lineno}".format((written or ours or frames)[-1])
 
 
-def noted(method: Callable[..., Any]) -> Callable[..., Any]:
+def raising_not_traced(method: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap a method so that any `Exception` that it raises becomes a `NotTraced`.
 
     A NotTraced is appended to the refusals of the trace under way when it is made, so a user's function that catches it
@@ -223,7 +223,7 @@ class Traced(NDArrayOperatorsMixin):
         """The entries of the first axis, one by one."""
         return (self[k] for k in range(len(self)))
 
-    @noted
+    @raising_not_traced
     def __getitem__(self, at: Any) -> "Traced":
         """The entries at an index, a view or a copy as NumPy's.
 
@@ -233,7 +233,7 @@ class Traced(NDArrayOperatorsMixin):
             raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
 
-    @noted
+    @raising_not_traced
     def __setitem__(self, at: Any, value: Any) -> None:
         """Write values in place at an index, converted to this array's type.
 
@@ -251,7 +251,7 @@ class Traced(NDArrayOperatorsMixin):
             raise NotTraced("writing where values say so", MASK)
         self.entries[at] = value if value.ndim else value[()]
 
-    @noted
+    @raising_not_traced
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         """The answer of a NumPy ufunc of traced arrays, made of nodes entry by entry; NumPy calls this method.
 
@@ -279,7 +279,7 @@ class Traced(NDArrayOperatorsMixin):
         answer = _computed(ufunc, arrays, _type_of(ufunc, inputs))
         return _sealed_number(answer) if out is None or out[0] is None else _written_into(answer, out[0])
 
-    @noted
+    @raising_not_traced
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         """The answer of a NumPy function that is no ufunc; NumPy calls this method.
 
@@ -300,7 +300,7 @@ class Traced(NDArrayOperatorsMixin):
             function(*map(_with_entries, args), **{name: _with_entries(one) for name, one in options.items()}), kind
         )
 
-    @noted
+    @raising_not_traced
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
         """A copy as another type; the array itself where `copy` is false and it has the type already.
 
@@ -336,7 +336,7 @@ class Traced(NDArrayOperatorsMixin):
             raise NotTraced("a call of compiled code", f"{UNCOMPILED}: its py_func attribute is the function")
         raise NotTraced(f"the attribute {name!r} of an array", ADVICE.get(name, ""))
 
-    @noted
+    @raising_not_traced
     def _rearranged(self, name: str, *args: Any, **options: Any) -> "Traced":
         """The answer of a method of NumPy's arrays that moves entries and computes nothing, as a traced array.
 

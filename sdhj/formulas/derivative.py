@@ -13,7 +13,7 @@ import numpy as np
 
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
 from sdhj.formulas.narrowing import ZERO, at_most, squares
-from sdhj.formulas.rules import RULES, angle_rate, settled
+from sdhj.formulas.rules import RULES, angle_rate, zero_where_constant
 
 ONE = constant(1.0)
 EITHER = make("cos", make("arctan2", ZERO, constant(-1.0)))  # on arctan2's cut: its interval is [-1, 1]
@@ -61,7 +61,7 @@ def _derived(one: Node, found: Found) -> Node:
     if one.op == "sqrt" and (parts := squares(one.args[0])) is not None:
         return sum((make("share", part, one) * found[part] for part in parts), ZERO)
     if one.op in ("sin", "cos"):
-        slopes = [_turning(one.args[0], found)]
+        slopes = [_derived_angle(one.args[0], found)]
     rule = RULES[one.op].derivative
     assert rule is not None, f"{one.op} has no derivative in its record"
     slope: Node = rule(make, one, one.args, slopes)
@@ -71,7 +71,7 @@ def _derived(one: Node, found: Found) -> Node:
     return slope
 
 
-def _turning(one: Node, found: Found) -> Node:
+def _derived_angle(one: Node, found: Found) -> Node:
     """The derivative of an angle `one`, a node, that is only used as the argument of a sine or cosine.
 
     There the jumps of `mod` by 2 pi and of `arctan2` do not matter, so they are left out, through sums, differences and
@@ -80,9 +80,9 @@ def _turning(one: Node, found: Found) -> Node:
     if found[one] is ZERO:
         return ZERO
     if one.op in ("add", "sub", "neg"):
-        return make(one.op, *(_turning(arg, found) for arg in one.args))
+        return make(one.op, *(_derived_angle(arg, found) for arg in one.args))
     if one.op == "mod" and one.args[1] is TURN:
-        return _turning(one.args[0], found)
+        return _derived_angle(one.args[0], found)
     if one.op == "arctan2":
         turn: Node = angle_rate(make, one.args, [found[arg] for arg in one.args])
         return turn
@@ -108,16 +108,16 @@ def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
     jump.
 
     It does not jump where the condition does not read the leaf by which is derived, or the branches meet at each
-    comparison in the condition (`_meet`). slopes : the derivatives of the condition and both branches. found : those of
-    all nodes below; not written.
+    comparison in the condition (`_equal_at_border`). slopes : the derivatives of the condition and both branches. found
+    : those of all nodes below; not written.
     """
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
     if found[condition] is ZERO:
         return out  # which branch it is does not change along the line
     compared = _compared(condition)
-    if not all(_meet(each, branches) for each in compared):
-        return out + settled(make, condition)
+    if not all(_equal_at_border(each, branches) for each in compared):
+        return out + zero_where_constant(make, condition)
     return out + sum((ZERO * found[arg] for each in compared for arg in each.args), ZERO)  # they must not jump, too
 
 
@@ -128,7 +128,7 @@ def _compared(condition: Node) -> list[Node]:
     return [each for arg in condition.args for each in _compared(arg)]
 
 
-def _meet(compared: Node, branches: Sequence[Node]) -> bool:
+def _equal_at_border(compared: Node, branches: Sequence[Node]) -> bool:
     """Whether two branches are surely equal wherever the two sides of a comparison are equal.
 
     It is sure if, with one side put in place of the other, both branches are the same node. False where they are not,

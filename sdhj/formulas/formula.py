@@ -1,9 +1,9 @@
 """Formulas and black boxes: what a problem knows of a user's function, by one protocol.
 
 Both are called with points and parameters, and have `bounds`, `bounds_by_branch` and `least` over boxes and intervals
-of time, `least_of`, `clipped` and `timed` (whether they depend on the time). Both have `reads`, the coordinates that
-they depend on: an array of a formula, what its author gave of a black box. Of a formula all of this follows from its
-graph; of a black box its author declares it.
+of time, `operands_of_min`, `clipped` and `depends_on_time` (whether they depend on the time). Both have `reads`, the
+coordinates that they depend on: an array of a formula, what its author gave of a black box. Of a formula all of this
+follows from its graph; of a black box its author declares it.
 """
 
 import reprlib
@@ -82,7 +82,9 @@ class Formula(Remembering):
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
-        return cls(sure_of_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, [function])
+        return cls(
+            with_checked_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, [function]
+        )
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
@@ -207,7 +209,7 @@ class Formula(Remembering):
         return found[0], found[1]
 
     @cached_property
-    def least_of(self) -> "tuple[Formula, ...]":
+    def operands_of_min(self) -> "tuple[Formula, ...]":
         """The formulas, of one result each, whose minimum this one is, by its form; (self,) where it is no minimum.
 
         Made once.
@@ -245,7 +247,7 @@ class Formula(Remembering):
         return out
 
     @cached_property
-    def timed(self) -> bool:
+    def depends_on_time(self) -> bool:
         """Whether a result reads parameter 0: the time, or the begin of an interval."""
         return 0 in leaves(self.outputs, "p")
 
@@ -356,7 +358,7 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     return code, np.array([top]), results, found, value, places, flat or [np.zeros(1)]
 
 
-def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
+def with_checked_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
     """The nodes of a traced function with 0 in place of `ZERO_OF_ANY_SIGN`, after a check of each arctan2(y, x) in
     them.
 
@@ -384,7 +386,7 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
                     "between pi and -pi, or 0 and pi, and formulas do not keep signs of zeros; keep y off 0, as "
                     "np.maximum(y, 1e-9) does in place of np.maximum(y, 0.0), or x above 0, or wrap it in sdhj.BlackBox"
                 )
-    return tuple(zeros.unsigned(outputs))
+    return tuple(zeros.with_unsigned_zeros(outputs))
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
@@ -527,7 +529,7 @@ class BlackBox:
         return replace(self, name=name)
 
     @property
-    def timed(self) -> bool:
+    def depends_on_time(self) -> bool:
         """Whether the answer may depend on the time: unless a `rate` of 0 is declared."""
         return self.rate is None or bool(np.any(self.rate))
 
@@ -584,7 +586,7 @@ class BlackBox:
     bounds_by_branch = bounds  # it is as its author says
 
     @property
-    def least_of(self) -> "tuple[BlackBox, ...]":
+    def operands_of_min(self) -> "tuple[BlackBox, ...]":
         """The functions whose minimum it is: (self,), because what it is made of is not known."""
         return (self,)
 

@@ -138,7 +138,7 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
 # ---- derivatives, of operands a whose derivatives are d
 
 
-def settled(make: Make, one: Any) -> Any:
+def zero_where_constant(make: Make, one: Any) -> Any:
     """A node whose interval over a box is 0 if that of the node `one` is a single number, and else undefined.
 
     Its value at a point is 0.
@@ -155,8 +155,8 @@ def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
-    """Derivative of a node f that is constant between its jumps: 0, undefined in boxes where f may jump (`settled`)."""
-    return settled(make, f)
+    """Derivative of a node f that is constant between jumps: 0, undefined in boxes where f may jump."""
+    return zero_where_constant(make, f)
 
 
 def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
@@ -195,7 +195,7 @@ def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
     a : the two operands. d : their derivatives.
     """
     laps = make("floor", make("div", *a))
-    return make("sub", d[0], laps * d[1]) + settled(make, laps)
+    return make("sub", d[0], laps * d[1]) + zero_where_constant(make, laps)
 
 
 def _chord(make: Make, one: Any) -> Any:

@@ -17,7 +17,17 @@ import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
 
 from sdhj.formulas import arrays
-from sdhj.formulas.arrays import FUNCTIONS, REDUCED, TRUTH, NotTraced, Traced, holds_traced, noted, state, traced_array
+from sdhj.formulas.arrays import (
+    FUNCTIONS,
+    REDUCED,
+    TRUTH,
+    NotTraced,
+    Traced,
+    holds_traced,
+    raising_not_traced,
+    state,
+    traced_array,
+)
 from sdhj.formulas.graph import Node, leaf, leaves
 
 _numbers = itertools.count(1)
@@ -64,7 +74,7 @@ def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
 
     Both get all arguments. Errors of `ours` become NotTraced.
     """
-    known = noted(ours)
+    known = raising_not_traced(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
@@ -84,7 +94,7 @@ def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     for dtype object, the stand-in is NumPy's function.
     """
     original = getattr(np, name)
-    filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
+    filled = raising_not_traced(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
         """NumPy's function of a shape and its other arguments; a traced array in the cases that `_allocating` names."""
@@ -124,7 +134,7 @@ class _Joining:
         """The arrays between the brackets joined: by `_join` if one of them is traced, else by the original."""
         return self._join(at) if holds_traced([at]) else self.original[at]
 
-    @noted
+    @raising_not_traced
     def _join(self, at: Any) -> Any:
         """The arrays `at`, one or a tuple, of which one is traced, joined.
 

@@ -6,8 +6,8 @@ hold all of these. Where y is 0 in a whole region, as np.maximum(y, 0.0) is, the
 formulas do not keep: they add no zeros, and 0 times x is 0 to them. `signs` says whether there can be such a region,
 and which sign is beyond doubt there.
 
-While a function is traced the constant `ZERO_OF_ANY_SIGN` stands in place of 0 where a zero may be -0.0; `unsigned`
-removes it from the finished formula.
+While a function is traced the constant `ZERO_OF_ANY_SIGN` stands in place of 0 where a zero may be -0.0;
+`with_unsigned_zeros` removes it from the finished formula.
 """
 
 import math
@@ -33,7 +33,7 @@ def is_negative_zero(value: Any) -> bool:
     return isinstance(value, float) and value == 0.0 and math.copysign(1.0, value) < 0
 
 
-def unsigned(outputs: Sequence[Node]) -> list[Node]:
+def with_unsigned_zeros(outputs: Sequence[Node]) -> list[Node]:
     """The nodes with 0 in place of `ZERO_OF_ANY_SIGN`, wherever they contain it."""
     return rebuilt(outputs, {ZERO_OF_ANY_SIGN: ZERO}.get) if ZERO_OF_ANY_SIGN in ordered(outputs) else list(outputs)
 

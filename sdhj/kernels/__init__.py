@@ -35,8 +35,8 @@ class Sealed(dict[str, Any]):
     """A dict that cannot be written, nor the mappings and lists in it: TypeError. `dict(sealed)` can be written."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        """Copy a mapping, and seal it and what is in it (`unwritable`); `given` itself stays as it is."""
-        super().__init__({name: unwritable(one) for name, one in given.items()})
+        """Copy a mapping, and seal it and what is in it (`sealed_copy`); `given` itself stays as it is."""
+        super().__init__({name: sealed_copy(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
@@ -49,8 +49,8 @@ class SealedList(list[Any]):
     """A list that cannot be written, nor the mappings and lists in it: TypeError. `list(sealed)` can be written."""
 
     def __init__(self, given: Iterable[Any]) -> None:
-        """Copy a list, and seal it and what is in it (`unwritable`); `given` itself stays as it is."""
-        super().__init__(map(unwritable, given))
+        """Copy a list, and seal it and what is in it (`sealed_copy`); `given` itself stays as it is."""
+        super().__init__(map(sealed_copy, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
     pop = remove = clear = sort = reverse = _refuse
@@ -60,7 +60,7 @@ class SealedList(list[Any]):
         return SealedList, (list(self),)
 
 
-def unwritable(value: Any) -> Any:
+def sealed_copy(value: Any) -> Any:
     """A mapping as a `Sealed` copy, a list as a `SealedList` copy, a tuple with its entries so; anything else as it is.
 
     Mappings and lists within these are sealed, too, at any depth. A tuple without any is the same object.
@@ -68,7 +68,7 @@ def unwritable(value: Any) -> Any:
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
-        parts = tuple(map(unwritable, value))  # the same object where nothing of it could be written
+        parts = tuple(map(sealed_copy, value))  # the same object where nothing of it could be written
         return value if all(one is other for one, other in zip(parts, value, strict=True)) else parts
     return SealedList(value) if isinstance(value, list) else value
 
@@ -76,7 +76,7 @@ def unwritable(value: Any) -> Any:
 class kept(cached_property[T]):
     """A `cached_property` whose value cannot be written: computed once, at first use, and then read-only.
 
-    Arrays in the value are made read-only in place; mappings and lists are sealed copies (`unwritable`).
+    Arrays in the value are made read-only in place; mappings and lists are sealed copies (`sealed_copy`).
     """
 
     def __init__(self, function: Callable[[Any], T]) -> None:
@@ -84,6 +84,6 @@ class kept(cached_property[T]):
 
         def found(self: Any) -> Any:
             """The method's value, made read-only."""
-            return unwritable(read_only(function(self)))
+            return sealed_copy(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

@@ -77,10 +77,10 @@ def _cosine(r):
 
 
 @_inlined
-def sine(x, ahead):
-    """sin(x + ahead * pi/2): the sine for ahead = 0, the cosine for ahead = 1. NaN beyond TURNS quarter turns."""
+def sine(x, quarter_turns):
+    """sin(x + quarter_turns * pi/2): the sine for 0, the cosine for 1. NaN beyond TURNS quarter turns."""
     r, quarter = _reduced(x)
-    quarter += ahead
+    quarter += quarter_turns
     value = _cosine(r) if quarter & 1 else _sine(r)
     return -value if quarter & 2 else value
 

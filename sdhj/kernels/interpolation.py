@@ -34,7 +34,7 @@ class Lattice(NamedTuple):
 
 
 @kernel()
-def among(node, count):
+def periodic_index(node, count):
     """node modulo count: which of the `count` nodes of a periodic axis it is, which may be whole turns away.
 
     A division is made only where it is: it costs as much as all the rest.
@@ -71,7 +71,7 @@ def on_grid(point, lattice):
 
 
 @kernel()
-def corners(point, axes, lattice, tiny, index, weight):
+def nodes_around(point, axes, lattice, tiny, index, weight):
     """Write the flat indices and the weights of the nodes around a point (ndim,); returns how many nodes these are.
 
     On the subgrid of `axes` of the lattice. Nodes of no weight are left out; a weight below `tiny` is taken for
@@ -90,8 +90,8 @@ def corners(point, axes, lattice, tiny, index, weight):
             right = 0.0
         elif right < tiny:
             right = 0.0
-        here = among(left - lattice.first[axis], nodes)
-        there = among(left + 1 - lattice.first[axis], nodes)
+        here = periodic_index(left - lattice.first[axis], nodes)
+        there = periodic_index(left + 1 - lattice.first[axis], nodes)
         more = count
         for c in range(count):
             start = index[c] * lattice.extent[axis]
@@ -109,7 +109,7 @@ def corners(point, axes, lattice, tiny, index, weight):
 def weighted(values, row, index, weight, count):
     """The interpolated value of one row of values (rows, size): the sum of weight[c] * values[row, index[c]].
 
-    index, weight, count : the nodes around a point, of `corners`; c goes over the first `count`.
+    index, weight, count : the nodes around a point, of `nodes_around`; c goes over the first `count`.
     """
     total = 0.0
     for c in range(count):
@@ -133,14 +133,14 @@ def interpolate(values, points, lattice):
         start = np.int64(block) * chunk
         for m in range(start, min(start + chunk, count)):
             if on_grid(points[m], lattice):
-                out[m] = weighted(values, 0, index, weight, corners(points[m], axes, lattice, 0.0, index, weight))
+                out[m] = weighted(values, 0, index, weight, nodes_around(points[m], axes, lattice, 0.0, index, weight))
             else:
                 out[m] = OUTSIDE
     return out
 
 
 @kernel()
-def turned(x, lower, upper):
+def into_period(x, lower, upper):
     """A coordinate x of a periodic axis, moved by whole turns into [lower, upper)."""
     past = x - lower
     if not 0.0 <= past < upper - lower:  # a division costs as much as all the rest
@@ -157,4 +157,4 @@ def wrap(points, lower, upper, periodic):
     for m in range(points.shape[0]):
         for axis in range(points.shape[1]):
             if periodic[axis]:
-                points[m, axis] = turned(points[m, axis], lower[axis], upper[axis])
+                points[m, axis] = into_period(points[m, axis], lower[axis], upper[axis])

@@ -83,7 +83,7 @@ def left_over(a, b, total):
 
 
 @_inlined
-def of_signs(low, high, negative, positive):
+def outward_within_sign(low, high, negative, positive):
     """(low, high), the ends of products or quotients, moved outward by a unit in the last place, but not across 0.
 
     negative, positive : whether some of the products may be < 0, or > 0. If none is negative, low is at least 0; if
@@ -98,7 +98,7 @@ def mul(a, b, c, d):
     """(low, high) of [a, b] * [c, d]: the hull of the products of the ends, rounded outward."""
     low, high = hull(a * c, a * d, b * c, b * d)
     negative, positive = (a < 0.0) & (d > 0.0) | (b > 0.0) & (c < 0.0), (a < 0.0) & (c < 0.0) | (b > 0.0) & (d > 0.0)
-    return of_signs(low, high, negative, positive)
+    return outward_within_sign(low, high, negative, positive)
 
 
 @_inlined
@@ -110,7 +110,7 @@ def div(a, b, c, d):
     above, below = c > 0.0, d < 0.0
     low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below
-    low, high = of_signs(low, high, negative, positive)
+    low, high = outward_within_sign(low, high, negative, positive)
     return low if above | below else NAN, high  # obligation 7.7
 
 

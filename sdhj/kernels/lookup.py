@@ -31,13 +31,14 @@ from sdhj.kernels.tubes import (
 
 
 @kernel(**UNCOUNTED)
-def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
+def _check_true_sets(rows, when, states, packs, reach_and_scores, table, space, out):
     """Do the look at the true sets for some states, and undo in `out` what they refute; False where one is undefined.
 
     The sets are played as tapes. With `TRUE_SETS_TOO`, avoid tubes are looked up for a state of which no input is safe
     any longer.
 
-    rows : the numbers of the states at hand in states (M, ndim). when, packs, ahead, out : the arguments of `decide`.
+    rows : the numbers of the states at hand in states (M, ndim). when, packs, reach_and_scores, out : the arguments of
+        `decide`.
     table : (stored_tubes, lattice), a `StoredTubes` and the grid's `Lattice`.
     space : (scratch, samples, work), overwritten, of `working_room`, `samples_for` and `work_for`.
     """
@@ -48,7 +49,7 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
         space,
     )
     times = part(ints, floats, CHECK_TIMES)
-    waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, samples)
+    waiting = propose(np.int64(-1), within, states, rows, packs, reach_and_scores, out, samples)
     while waiting > 0:
         if not evaluate(waiting, rows, packs, times, out, samples, work):
             return False
@@ -59,19 +60,19 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
                 some |= out[1][rows[r], j]
             if not some:
                 hazards(stored_tubes, step, states[rows[r]], lattice, scratch, samples[2][r])
-        waiting = propose(waiting, within, states, rows, packs, ahead, out, samples)
+        waiting = propose(waiting, within, states, rows, packs, reach_and_scores, out, samples)
     return True
 
 
 @kernel(**UNCOUNTED)
-def _write_ahead(begin, rows, states, packs, ends, found, work):
+def _write_displacement_sets(begin, rows, states, packs, ends, found, work):
     """Write what inputs lead to from the states rows[begin:], and the hulls of their boxes, to `found`.
 
     By the tape for it, or from `ends`. Returns how many nodes a hull may touch at most, -1 where formulas are
     undefined.
 
     rows : the numbers of the states at hand. begin : how many were done before, the column of the first in `ends`.
-    packs, ends : of `decide`, (ints, floats) and ahead[0].
+    packs, ends : of `decide`, (ints, floats) and reach_and_scores[0].
     found : (near, boxes, at, hulls): near (4 + K, L, ndim, R), what inputs lead to, which may be `ends` if these are
         one for all; boxes, the leading terms of it that make hulls; at (R, ndim), scratch; hulls (R, 2, ndim).
     work : of `work_for`, overwritten.
@@ -98,10 +99,11 @@ def _write_ahead(begin, rows, states, packs, ends, found, work):
 
 
 @kernel(**UNCOUNTED)
-def _answer(rows, states, when, packs, stored, ahead, space, out):
+def _answer(rows, states, when, packs, stored, reach_and_scores, space, out):
     """Write to `out` the answers for the states with numbers `rows`; returns False where formulas are undefined.
 
-    when, packs, stored, ahead, out : the arguments of `decide`; column r of ahead[0] is that of states[rows[r]].
+    when, packs, stored, reach_and_scores, out : the arguments of `decide`; column r of reach_and_scores[0] is that of
+        states[rows[r]].
     space : (scratch, samples, work), overwritten, of `working_room`, `samples_for` and `work_for`.
     """
     (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
@@ -109,13 +111,15 @@ def _answer(rows, states, when, packs, stored, ahead, space, out):
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
     stored_tubes = StoredTubes(steps, game, index, tubes, marks, static, still, moving, timed)
     for r in range(rows.size if checks != TRUE_SETS_ONLY else 0):
-        box, room = (ahead[0], r if ahead[0].shape[3] > 1 else 0), (order, lattice, space[0])
-        by_tubes(rows[r], states, (step, within), stored_tubes, box, ahead[2], room, out)
-    return checks == TUBES or _check_true_sets(rows, when, states, packs, ahead, (stored_tubes, lattice), space, out)
+        box, room = (reach_and_scores[0], r if reach_and_scores[0].shape[3] > 1 else 0), (order, lattice, space[0])
+        by_tubes(rows[r], states, (step, within), stored_tubes, box, reach_and_scores[2], room, out)
+    return checks == TUBES or _check_true_sets(
+        rows, when, states, packs, reach_and_scores, (stored_tubes, lattice), space, out
+    )
 
 
 @kernel(nogil=True)
-def decide(states, rows, when, packs, stored, ahead, out):
+def decide(states, rows, when, packs, stored, reach_and_scores, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
@@ -132,7 +136,7 @@ def decide(states, rows, when, packs, stored, ahead, out):
         What is `packed` of the problem at this step (`sdhj.kernels.tubes` says what).
     stored : (index, tubes, marks, static, moving)
         As in `StoredTubes`.
-    ahead : (ends (4 + K, L, ndim, 1 or R), scores (M, L), normals (K', ndim) or None)
+    reach_and_scores : (ends (4 + K, L, ndim, 1 or R), scores (M, L), normals (K', ndim) or None)
         ends: what each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
         share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where packs has a tape for
@@ -149,7 +153,7 @@ def decide(states, rows, when, packs, stored, ahead, out):
     bool
         Whether all formulas have values wherever they were evaluated; else what is in `out` is worthless.
     """
-    (ends, scores, normals), ints, inputs, ndim, slots = ahead, packs[0], out[1].shape[1], states.shape[1], 1
+    (ends, scores, normals), ints, inputs, ndim, slots = reach_and_scores, packs[0], out[1].shape[1], states.shape[1], 1
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
     played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, packs[1], AT_FACES)
@@ -164,7 +168,7 @@ def decide(states, rows, when, packs, stored, ahead, out):
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        needed = _write_ahead(begin, some, states, packs, ends, (near, boxes, at, scratch.hull), work)
+        needed = _write_displacement_sets(begin, some, states, packs, ends, (near, boxes, at, scratch.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]

@@ -29,8 +29,8 @@ class Cells(NamedTuple):
     counts, periodic : how many cells an axis has, and whether it is periodic.
     layers : (2, ndim) int64, 1 where the first, or the last, cell is a layer, which lies outside the axis and stands
         for the wall at its end.
-    told : if True, a point is in a layer only if it lies behind the wall by half a shell, which says that the state is
-        known to be at the wall; if False, a state at the wall is.
+    wall_known : if True, a point is in a layer only if it lies behind the wall by half a shell, which says that the
+        state is known to be at the wall; if False, a state at the wall is.
     """
 
     lower: FloatArray
@@ -40,7 +40,7 @@ class Cells(NamedTuple):
     counts: FloatArray
     periodic: FloatArray
     rows: int  # leading axes that number the blocks; the others are packed
-    told: bool = False
+    wall_known: bool = False
 
 
 def to_words(bits: FloatArray) -> FloatArray:
@@ -225,8 +225,8 @@ def add_certified(cells, first, number, allowed, clear, out):
 def cells_at(state, cells, slack, found):
     """Write to found (2^ndim, ndim) the cells within slack (ndim,) of a state (ndim,), each once; returns how many.
 
-    0 for a state that is off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away. `Cells.told` says
-    which points are in a layer.
+    0 for a state that is off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away. `Cells.wall_known`
+    says which points are in a layer.
     """
     held = 1
     for axis in range(state.size):
@@ -243,10 +243,10 @@ def cells_at(state, cells, slack, found):
         below, above = offset - slack[axis], offset + slack[axis]
         first = min(max(math.floor(below / width), 0), count - 1)
         last = min(max(math.floor(above / width), 0), count - 1)
-        if cells.told and cells.layers[0, axis]:
+        if cells.wall_known and cells.layers[0, axis]:
             known = offset < width - slack[axis] / 4
             first, last = (0, 0) if known else (max(first, 1), max(last, 1))
-        if cells.told and cells.layers[1, axis]:
+        if cells.wall_known and cells.layers[1, axis]:
             known = offset > length - width + slack[axis] / 4
             first, last = (count - 1, count - 1) if known else (min(first, count - 2), min(last, count - 2))
         if cells.periodic[axis] and below < 0.0:
@@ -300,7 +300,7 @@ def fewest_steps(states, cells, slack, index, pool, out):
 
 
 @kernel(nogil=True)
-def held_in_boxes(first, last, cells, index, pool, out):
+def boxes_in_set(first, last, cells, index, pool, out):
     """Whether all, and whether any, of the cells from first[m] to last[m], included, are in a set: out (2, M) bool.
 
     first, last (M, ndim) : indices on the axes, first <= last. out is overwritten.

@@ -82,7 +82,7 @@ def move_on(moved, velocity, h):
 
 
 @kernel(nogil=True)
-def hold_back(start, moved, shift_invariant, walls):
+def clip_to_walls(start, moved, shift_invariant, walls):
     """Clip `moved` in place so that start + moved ends at walls, rounded outward; both (2, M, ndim).
 
     walls (2, ndim) : lower and upper ones, infinite where there are none. Shift-invariant axes are left as they are.

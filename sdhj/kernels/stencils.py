@@ -73,7 +73,7 @@ def cell_of(number, counts, cell):
 
 
 @kernel(**UNCOUNTED)
-def step_on(at, number, axes):
+def next_in_box(at, number, axes):
     """Move at (axes,) to the next point of a box, 0 <= at[axis] < number[axis], the last axis fastest; in place.
 
     After the last point comes the first.
@@ -91,9 +91,9 @@ def step_on(at, number, axes):
 def box_of_image(cell, low, high, safe, cells, axes, box):
     """Write to box (3, ndim) the image cell + low to cell + high on the first `axes` axes; returns its rows.
 
-    box : overwritten with the first cell, the number of cells, and zeros, from which `step_on` may begin. On a bounded
-        axis the image is clipped at the ends, on a periodic one it goes around once at most. Returned is the number of
-        rows, over all axes but the last; 0 where the image is past a safe end.
+    box : overwritten with the first cell, the number of cells, and zeros, from which `next_in_box` may begin. On a
+        bounded axis the image is clipped at the ends, on a periodic one it goes around once at most. Returned is the
+        number of rows, over all axes but the last; 0 where the image is past a safe end.
     cell, low, high (ndim,). safe (2, ndim) : as in `Moves`. cells : the `Cells`.
     """
     first, number, at, total = box[0], box[1], box[2], 1
@@ -116,7 +116,7 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
 def row_of_box(box, cells):
     """The number of the row of cells at which a box stands: at its first cell + box[2], taken around periodic axes.
 
-    box (3, ndim) : of `box_of_image`, moved by `step_on`.
+    box (3, ndim) : of `box_of_image`, moved by `next_in_box`.
     """
     row = 0
     for axis in range(cells.counts.size - 1):
@@ -157,7 +157,7 @@ def rows_inside(total, cells, index, pool, scratch):
         # obligation 3.3
         elif not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
-        step_on(scratch[2], scratch[1], last)
+        next_in_box(scratch[2], scratch[1], last)
     return True
 
 
@@ -178,7 +178,7 @@ def has_lines(cell, moves, cells, axes):
 def line_of_box(box, oblique):
     """The number of the line of `Moves` at which a box (3, ndim) stands, over the oblique axes but the last.
 
-    box : of `box_of_image`, moved by `step_on`. oblique (ndim,) bool.
+    box : of `box_of_image`, moved by `next_in_box`. oblique (ndim,) bool.
     """
     line = 0
     for axis in range(oblique.size - 1):
@@ -216,7 +216,7 @@ def move_inside(cell, j, place, moves, cells, index, pool, scratch):
                 return False
             if end > whole and not has_bits(block, 0, end - whole):  # obligation 3.28
                 return False
-        step_on(scratch[2], scratch[1], last)
+        next_in_box(scratch[2], scratch[1], last)
     return True
 
 
@@ -236,7 +236,7 @@ def runs_of_ones(block, begin, length):
 
 
 @kernel(inline="always")
-def runs(block, begin, length):
+def runs_of_any_length(block, begin, length):
     """A word whose bit b is set where the bits begin + b to begin + b + length - 1 of a block are all set.
 
     Of any length; all ones where the length is 0 or less. Beyond the ends of the block bits count as 0.
@@ -272,14 +272,14 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
         for _ in range(total):
             block = extended[row_of_box(scratch, cells)]
             if inner != ~np.uint64(0):
-                found[j] &= runs(block, begin, min(length, count)) | inner
+                found[j] &= runs_of_any_length(block, begin, min(length, count)) | inner
             if inner != 0:
                 line = moves.lines[j, place, line_of_box(scratch, moves.oblique)]
                 # obligation 3.26
-                found[j] &= runs(block, start + line[0], min(1 + line[1] - line[0], count)) | ~inner
+                found[j] &= runs_of_any_length(block, start + line[0], min(1 + line[1] - line[0], count)) | ~inner
             if found[j] == 0:
                 break
-            step_on(scratch[2], scratch[1], last)
+            next_in_box(scratch[2], scratch[1], last)
         some |= found[j]
     return some
 
@@ -417,7 +417,7 @@ def reached_words(rows, changed, far, cells, out, scratch, hit):
                     flat = flat * count + (place if place < count else place - count)  # a remainder takes longest
                 for word in range(words):
                     out[flat, word] |= hit[word]
-                step_on(at, number, last)
+                next_in_box(at, number, last)
 
 
 @kernel(inline="always")
@@ -705,12 +705,12 @@ def past_a_face(cell, far, faces, edges, along, others):
 
 
 @kernel(nogil=True)
-def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
+def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
     """out[m, j] &= whether input j is safe from the cell some[m], of (M, ndim), and leads into its set; in place.
 
-    The set is that with ahead[m] - 1 steps to go. No input is certified for ahead[m] = 0.
+    The set is that with steps_left[m] - 1 steps to go. No input is certified for steps_left[m] = 0.
 
-    some (M, ndim), ahead (M,) : the cells, and the steps to go of each. cells : the `Cells`.
+    some (M, ndim), steps_left (M,) : the cells, and the steps to go of each. cells : the `Cells`.
     out (M, L) bool : the inputs that are asked about.
     moves : the `Moves`. clear (cells, bytes) uint8 : a bit for each safe input.
     sets (n, R) : the numbers of the blocks in `pool` of the sets with 0, 1, ... steps to go, all later ones being the
@@ -718,27 +718,28 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
     """
     scratch = np.empty((3, some.shape[1]), np.int64)
     for m in range(some.shape[0]):
-        cell, following, place = some[m], max(min(ahead[m], len(sets)) - 1, 0), 0
+        cell, following, place = some[m], max(min(steps_left[m], len(sets)) - 1, 0), 0
         row, bit = row_and_bit(cell, cells)
         safe = clear[row * cells.counts[-1] + bit]
         for axis in range(cell.size):
             place += cell[axis] * moves.strides[axis]
         for j in range(out.shape[1]):  # obligation 3.14
             if out[m, j]:
-                out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1  # obligation 3.13
+                out[m, j] = steps_left[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1  # obligation 3.13
             if out[m, j] and len(sets) > 0:  # obligation 3.12
                 out[m, j] = move_inside(cell, j, place, moves, cells, sets[following], pool, scratch)
 
 
 @kernel(nogil=True)
-def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
+def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
     """out[m, j] &= whether input j leads from the cell some[m] into its set, for cells in lines along an axis.
 
     In place: what `certified_inputs` says of inputs that are known to be safe. From cell to cell of a line, an image
     goes on along the axis, and only what of it is new is looked at.
 
-    some (M, ndim), ahead (M,) : the cells, those of a line one after the other, and the steps to go of each, at least
-        1; the set is that with ahead[m] - 1 steps to go. cells : the `Cells`. moves : the `Moves`, which are boxes.
+    some (M, ndim), steps_left (M,) : the cells, those of a line one after the other, and the steps to go of each, at
+        least 1; the set is that with steps_left[m] - 1 steps to go. cells : the `Cells`. moves : the `Moves`, which are
+        boxes.
     along : an axis, not the last one, that no place depends on, without safe ends.
     sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ... steps to go, n >= 1, and the blocks.
     out (M, L) bool : the inputs that are asked about.
@@ -761,10 +762,10 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
                 rows, scratch[0, along], scratch[1, along] = np.empty(total, np.int64), 0, 1
                 for r in range(total):
                     rows[r] = row_of_box(scratch, cells)
-                    step_on(scratch[2], scratch[1], ndim - 1)
+                    next_in_box(scratch[2], scratch[1], ndim - 1)
                 line, shape = slice(begin, end), (rows, scratch[0, -1], scratch[0, -1] + scratch[1, -1])
                 seen[:, 1] = -2
-                asked = some[line, along], ahead[line], low[along], high[along]
+                asked = some[line, along], steps_left[line], low[along], high[along]
                 slid_inside(asked, along, shape, cells, sets, pool, seen, out[line, j])
         begin = end
 
@@ -792,7 +793,7 @@ def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
     seen (n, 3) : for each set the first slice that was looked at, the last one, or -2 if there is none, and the last
         that is not in the set; in place.
     """
-    (own, ahead, low, high), (rows, bit, past) = asked, shape
+    (own, steps_left, low, high), (rows, bit, past) = asked, shape
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]
     for axis in range(along + 1, cells.counts.size - 1):
         stride *= cells.counts[axis]
@@ -806,7 +807,7 @@ def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
             near, far = min(max(near, 0), count - 1), min(max(far, 0), count - 1)
         elif far - near >= count:
             near, far = 0, count - 1
-        following = max(min(ahead[m], len(sets)) - 1, 0)
+        following = max(min(steps_left[m], len(sets)) - 1, 0)
         index, known = sets[following], seen[following]
         if known[1] == -2 or near < known[0] or near > known[1] + 1 or far < known[1]:
             known[0], known[1], known[2] = near, near - 1, near - 1

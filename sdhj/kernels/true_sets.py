@@ -10,7 +10,7 @@ evaluates between them.
 import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.interpolation import turned
+from sdhj.kernels.interpolation import into_period
 from sdhj.kernels.tape import RESULTS, length, part, play_with_scratch
 from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNDER, AT_UNSAFE, CHECK_TIMES, PATH, is_held, unpacked_lattice
 
@@ -22,13 +22,13 @@ TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
-    """New arrays for the look at the true sets of R states: (queue, verdicts, hazard, points, past, level, there).
+    """New arrays for the check of R states by the true sets, seven, in the order in which they stand below.
 
     states : R. inputs : L. count : how many points are looked at for a state and an input: 1, or the instants of the
     path, the state, and 2^ndim corners. sets : how many unsafe sets there are.
 
-    In points, past, level and there, the `count` points of each state that waits stand one behind the other, in the
-    order of the queue.
+    In points, past, unsafe_values and target_values, the `count` points of each state that waits stand one behind the
+    other, in the order of the queue.
 
     queue (3, R) : [0], the states that wait, as indices into `rows` of the callers; [1], for each state the best input
         by the tubes; [2], the steps to go after the interval.
@@ -36,14 +36,14 @@ def samples_for(states, inputs, count, ndim, sets):
     points (R count, ndim + 1) : where the sets are evaluated, the time last.
     past (R count,) : 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one;
         else 0.
-    level (sets, R count), there (1, R count) : the values of the unsafe sets and, at state and corners, of the target;
-        `there` is 0 at first, the others are not initialised.
+    unsafe_values (sets, R count), target_values (1, R count) : the values of the unsafe sets and, at state and corners,
+        of the target; `target_values` is 0 at first, the others are not initialised.
     """
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
-    points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
+    points, past, target_values = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
     for i in range(size):
-        there[0, i] = 0.0
-    return queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), there
+        target_values[0, i] = 0.0
+    return queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), target_values
 
 
 @kernel(**UNCOUNTED)
@@ -73,7 +73,7 @@ def _clip_and_wrap(x, axis, lattice, faces):
     """
     x = min(max(x, faces[axis]), faces[lattice.shape.size + axis])
     if lattice.periodic[axis]:
-        x = turned(x, faces[2 * lattice.shape.size + axis], faces[3 * lattice.shape.size + axis])
+        x = into_period(x, faces[2 * lattice.shape.size + axis], faces[3 * lattice.shape.size + axis])
     return x
 
 
@@ -199,21 +199,22 @@ def next_input(known, safe, scores, depth, hazard, first):
 
 
 @kernel(nogil=True, **UNCOUNTED)
-def propose(waiting, within, states, rows, packs, ahead, out, samples):
+def propose(waiting, within, states, rows, packs, reach_and_scores, out, samples):
     """Write for each state that waits the input to look at next to `best`, and its points to `samples`.
 
     Returns how many states still wait, which are first in the queue then; the answer of the others is final. After
-    `propose`, `level` and `there` have to be filled (`evaluate`), and `judge` called, until no state waits.
+    `propose`, `unsafe_values` and `target_values` have to be filled (`evaluate`), and `judge` called, until no state
+    waits.
 
     waiting : how many wait; -1 at first: all whose to_go is at least 0. Where nothing is to be looked at (there are no
         times), all inputs pass.
     within : inputs are judged for as many steps to go, at least. states (M, ndim), rows (R,) : all states, and the
         numbers of those at hand.
-    packs, ahead, out : (ints, floats), (ends, scores, normals) and (to_go, safe, margins, best, depths), as
+    packs, reach_and_scores, out : (ints, floats), (ends, scores, normals) and (to_go, safe, margins, best, depths), as
         `lookup.decide` describes them. samples : what `samples_for` returned, in place.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
-    (ints, floats), (ends, scores, normals) = packs, ahead
+    (ints, floats), (ends, scores, normals) = packs, reach_and_scores
     lattice, some = unpacked_lattice(ints, floats), 0
     times, faces = part(ints, floats, CHECK_TIMES), part(ints, floats, AT_FACES)
     if waiting < 0:
@@ -246,17 +247,17 @@ def heed_inputs(waiting, rows, count, under, best, samples):
     count : how many points each state has. under (sets * L,) : for each set and input 1 or 0, or -1 where the set is
         unsafe under all; of length 0 if all sets are. samples : what `samples_for` returned, filled by `evaluate`.
     """
-    (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
+    (queue, verdicts, _, _, past, unsafe_values, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
     for p in range(under.size // inputs):
         for k in range(waiting if under[p * inputs] >= 0 else 0):
             first, at = k * count, k * count + last
             if under[p * inputs + best[rows[queue[0, k]]]] == 0:
                 for v in range(first, first + count):
-                    level[p, v] = np.inf
-            elif count > 1 and level[p, at] <= 0.0 and past[at] == 0:
-                level[p, first], past[first] = level[p, at], min(past[first], 0)
-            level[p, at] = np.inf
+                    unsafe_values[p, v] = np.inf
+            elif count > 1 and unsafe_values[p, at] <= 0.0 and past[at] == 0:
+                unsafe_values[p, first], past[first] = unsafe_values[p, at], min(past[first], 0)
+            unsafe_values[p, at] = np.inf
 
 
 @kernel(nogil=True, **UNCOUNTED)
@@ -278,20 +279,20 @@ def judge(waiting, rows, checks, count, out, samples):
     out : (to_go, safe, margins, best, depths), as of `lookup.decide`, in place. samples : what `samples_for` returned;
         verdicts and queue are written.
     """
-    (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, level, there) = out, samples
+    (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, unsafe_values, target_values) = out, samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
     for k in range(waiting):
         r, m = queue[0, k], rows[queue[0, k]]
         at, j, lost, passes = k * count + last, best[m], False, True
         for v in range(k * count, (k + 1) * count):
             fine = past[v] >= 0
-            for p in range(level.shape[0]):
-                fine &= level[p, v] > 0.0
+            for p in range(unsafe_values.shape[0]):
+                fine &= unsafe_values[p, v] > 0.0
             if v > at and queue[2, r] == 0:
-                fine &= there[0, v] <= 0.0
+                fine &= target_values[0, v] <= 0.0
             fine |= past[v] > 0
             lost, passes = lost | ((v == at) & (not fine)), passes & (fine | (v == at))
-        if to_go[m] == 0 and there[0, at] > 0.0:
+        if to_go[m] == 0 and target_values[0, at] > 0.0:
             to_go[m], lost = 1, lost | (count == 1)
         verdicts[r, j] = PASSES if passes else FAILS
         if lost:
@@ -309,8 +310,8 @@ def judge(waiting, rows, checks, count, out, samples):
 def evaluate(waiting, rows, packs, times, out, samples, work):
     """Play the unsafe sets, and the target where it matters, at the points of the first `waiting` states in the queue.
 
-    Writes their values to `level` and `there` of `samples`, with what `heed_inputs` undoes; returns whether all are
-    finite. If not, not all are written.
+    Writes their values to `unsafe_values` and `target_values` of `samples`, with what `heed_inputs` undoes; returns
+    whether all are finite. If not, not all are written.
 
     waiting : how many states wait. rows (R,) : the numbers of the states at hand. packs, out : (ints, floats) and
         (to_go, safe, margins, best, depths), as `lookup.decide` describes them. times (count,) : of the points of a
@@ -318,15 +319,15 @@ def evaluate(waiting, rows, packs, times, out, samples, work):
         for both tapes.
     """
     # The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
-    (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
+    (ints, floats), (queue, _, _, points, _, unsafe_values, target_values), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
     unsafe, target = (ints, floats, np.int64(AT_UNSAFE)), (ints, floats, np.int64(AT_TARGET))
-    if play_with_scratch(unsafe, points, times, level, np.int64(0), waiting * count, work) != 0.0:
+    if play_with_scratch(unsafe, points, times, unsafe_values, np.int64(0), waiting * count, work) != 0.0:
         return False
     heed_inputs(waiting, rows, count, part(ints, ints, AT_UNDER), out[3], samples)
     for k in range(waiting if length(ints, np.int64(AT_TARGET + RESULTS)) > 0 else 0):
         start = k * count + last + (to_go[rows[queue[0, k]]] != 0)
         stop = (k + 1) * count if queue[2, queue[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_with_scratch(target, points, times, there, start, stop, work) != 0.0:
+        if start < stop and play_with_scratch(target, points, times, target_values, start, stop, work) != 0.0:
             return False
     return True

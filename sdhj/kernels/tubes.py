@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid, weighted
+from sdhj.kernels.interpolation import Lattice, locate, nodes_around, on_grid, periodic_index, weighted
 from sdhj.kernels.tape import BLOCK, TABLES, part
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
@@ -92,7 +92,7 @@ def _fewest_steps(stored_tubes, first, most, index, weight, count):
     """The fewest n in 0..most whose interpolated tube, entry first + n of `stored_tubes`, is <= 0; -1 for none.
 
     By bisection, as tubes grow with n. first : an index into `stored_tubes.index`. index, weight, count : the nodes
-    around the state, of `interpolation.corners`.
+    around the state, of `interpolation.nodes_around`.
     """
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
@@ -138,7 +138,7 @@ def _gather(values, state, column, order, lattice, scratch):
         end, _ = locate(state[axis] + scratch.hull[column, 1, axis], axis, lattice)
         scratch.begin[a], rest[a] = begin, (end + 2 - begin) * size
         for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
-            shift = among(begin + i - lattice.first[axis], nodes) * stride
+            shift = periodic_index(begin + i - lattice.first[axis], nodes) * stride
             for c in range(size if a > 0 else 0):
                 offsets[i * size + c] = offsets[c] + shift
             for c in range(size if a == 0 else 0):
@@ -387,7 +387,7 @@ def _depths(stored_tubes, state, box, normals, space, out):
     for j in range(out.size):
         for axis in range(state.size):
             centre[axis] = state[axis] + 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
-        count = corners(centre, scratch.axes, lattice, TINY, index, weight)
+        count = nodes_around(centre, scratch.axes, lattice, TINY, index, weight)
         out[j] = (1.0 - CENTRE) * out[j] + CENTRE * weighted(
             stored_tubes.tubes, stored_tubes.game, index, weight, count
         )
@@ -399,7 +399,7 @@ def _hazard(stored_tubes, step, j, scratch, still, moving):
 
     The larger of the static and the moving one of `stored_tubes`.
 
-    still, moving : how many nodes around the state, of `corners`, scratch.index and weight have for each.
+    still, moving : how many nodes around the state, of `nodes_around`, scratch.index and weight have for each.
     """
     value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
@@ -423,8 +423,8 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, de
             best = j
     if best >= 0:
         return best
-    still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
-    moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
+    still = nodes_around(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
+    moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(safe.size):
         safe[j] = margin[j] <= 0.0 and _hazard(stored_tubes, step, j, scratch, still, moving) <= 0.0
         if safe[j] and (best < 0 or depth[j] < depth[best]):
@@ -456,7 +456,7 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     to_go[m], safe[m], margins[m], best[m], depths[m] = -1, False, np.inf, -1, np.inf
     if not on_grid(state, lattice):
         return
-    count = corners(state, scratch.axes, lattice, TINY, index, weight)
+    count = nodes_around(state, scratch.axes, lattice, TINY, index, weight)
     if stored_tubes.game < 0:
         to_go[m] = _fewest_steps(stored_tubes, here, steps - step, index, weight, count)
     elif weighted(stored_tubes.tubes, stored_tubes.game, index, weight, count) <= 0.0:
@@ -499,8 +499,8 @@ def hazards(stored_tubes, step, state, lattice, scratch, out):
 
     The state must be finite. scratch.index and scratch.weight are overwritten.
     """
-    still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
-    moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
+    still = nodes_around(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
+    moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):
         out[j] = _hazard(stored_tubes, step, j, scratch, still, moving)
 
@@ -548,7 +548,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, scratch, found):
-    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `corners` and `weighted`.
+    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `nodes_around` and `weighted`.
 
     In loops that vectorise.
 
@@ -563,8 +563,8 @@ def _interpolated(where, row, tubes, lattice, scratch, found):
             left, right = locate(where[m, axis], axis, lattice)
             left += right >= 1.0 - TINY
             share[0, m] = right if TINY <= right < 1.0 - TINY else 0.0
-            here[m] = among(left - lattice.first[axis], lattice.shape[axis])
-            there[m] = among(left + 1 - lattice.first[axis], lattice.shape[axis])
+            here[m] = periodic_index(left - lattice.first[axis], lattice.shape[axis])
+            there[m] = periodic_index(left + 1 - lattice.first[axis], lattice.shape[axis])
         for c in range(1 << axis):
             other = c + (1 << axis)
             for m in range(count):

@@ -72,11 +72,11 @@ def _write_minimum_row(out, reach_sets, j, row):
     whole = nodes if lines == 1 else -(-nodes // EIGHT) * EIGHT
     for line in range(lines):
         start, here = np.uint64(line * nodes), np.uint64(row * lines + line)
-        level, flat = values.dtype.type(np.inf), True
+        row_value, flat = values.dtype.type(np.inf), True
         for number in range(width.size):
             piece = np.uint64(number)
             value = values[np.uint64(begin[piece, np.uint64(j)] + at[piece, here] * width[piece])]
-            level = value if width[piece] == 1 and value < level else level
+            row_value = value if width[piece] == 1 and value < row_value else row_value
         for number in range(width.size):
             piece = np.uint64(number)
             first = np.uint64(begin[piece, np.uint64(j)] + at[piece, here] * width[piece])
@@ -84,45 +84,45 @@ def _write_minimum_row(out, reach_sets, j, row):
                 flat = False
                 for node in range(whole):
                     i = np.uint64(node)
-                    out[start + i] = values[first + i] if values[first + i] < level else level
+                    out[start + i] = values[first + i] if values[first + i] < row_value else row_value
             elif width[piece] > 1:
                 for node in range(whole):
                     i = np.uint64(node)
                     out[start + i] = values[first + i] if values[first + i] < out[start + i] else out[start + i]
         for node in range(nodes if flat else 0):
-            out[start + np.uint64(node)] = level
+            out[start + np.uint64(node)] = row_value
 
 
 @kernel(**UNCOUNTED)
-def _raise_row(out, bound, highest, level):
-    """Raise a row, out (B,), to a bound in place, and return `level`; or raise `level` and leave the row as it is.
+def _raise_row(out, bound, highest, row_value):
+    """Raise a row, out (B,), to a bound in place, or return the greater of `row_value` and a bound of one value.
 
     The row is raised where the bound has a value for each node, `highest` being the greatest of these; where the bound
-    has one value, the greater of it and `level` is returned. A bound that is nowhere higher than the row, as `highest`
-    tells, is not even read: most of the time goes there.
+    has one value for all nodes, the greater of it and `row_value`, which has been found for them before, is returned. A
+    bound that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
     """
     if bound.size < out.size:
-        return bound[0] if bound[0] > level else level
+        return bound[0] if bound[0] > row_value else row_value
     below = np.int32(0)
     for i in range(out.size):
         below = np.int32(below + (np.int32(1) if out[i] < highest else np.int32(0)))
     if below > 0:
         for i in range(out.size):
             out[i] = out[i] if out[i] > bound[i] else bound[i]
-    return level
+    return row_value
 
 
 @kernel(**UNCOUNTED)
-def _join(tube, marks, reach_sets, levels):
-    """tube = min(tube, v_q) and bit q of marks where v_q <= 0, for eight inputs, v_q = max(reach_sets[q], levels[q]).
+def _join(tube, marks, reach_sets, row_values):
+    """tube = min(tube, v_q), and bit q of marks where v_q <= 0: v_q = max(reach_sets[q], row_values[q]), eight inputs.
 
-    In place, for one row: tube (B,), marks (B,), reach_sets (8, at least B), levels (8,). Marks are computed in lanes
-    as wide as the values, or the loop would not be vectorised.
+    In place, for one row: tube (B,), marks (B,), reach_sets (8, at least B), row_values (8,). Marks are computed in
+    lanes as wide as the values, or the loop would not be vectorised.
     """
     for i in range(tube.size):
         best, found = tube[i], np.int32(0)
         for q in range(EIGHT):
-            value = reach_sets[q, i] if reach_sets[q, i] > levels[q] else levels[q]
+            value = reach_sets[q, i] if reach_sets[q, i] > row_values[q] else row_values[q]
             found = np.int32(found | (np.int32(1 << q) if value <= 0 else np.int32(0)))
             best = value if value < best else best
         tube[i] = best
@@ -134,23 +134,23 @@ def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch
     """Do what `add_inputs` does, whose arguments these are, for row number `row` and some inputs, in place.
 
     which : (first, end), the inputs from first to end - 1; reach_sets are of the inputs from first on.
-    scratch : eight rows (8, B + PAST) and eight levels (8,), overwritten.
+    scratch : eight rows (8, B + PAST) and eight `row_values` (8,), overwritten.
     """
-    (found, levels), (first, end), size = scratch, which, tube.shape[1]
+    (found, row_values), (first, end), size = scratch, which, tube.shape[1]
     for i in range(size):
         tube[row, i] = before[row, i]
     for byte in range(first // EIGHT, (end + EIGHT - 1) // EIGHT):
         for q in range(EIGHT):
-            j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
+            j, row_values[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
             if first <= j < end:
                 _write_reach_row(found[q], reach_sets, j - first, row)
-                line, level = found[q, :size], tube.dtype.type(-np.inf)
+                line, row_value = found[q, :size], tube.dtype.type(-np.inf)
                 at = avoid_rows.static_at[row]
-                level = _raise_row(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], level)
-                levels[q] = _raise_row(
-                    line, avoid_rows.moving[j, avoid_rows.moving_at[row]], tube.dtype.type(np.inf), level
+                row_value = _raise_row(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], row_value)
+                row_values[q] = _raise_row(
+                    line, avoid_rows.moving[j, avoid_rows.moving_at[row]], tube.dtype.type(np.inf), row_value
                 )
-        _join(tube[row], marks[byte, row], found, levels)
+        _join(tube[row], marks[byte, row], found, row_values)
 
 
 @kernel(parallel=True, least=FEW)
@@ -170,8 +170,8 @@ def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which)
     rows, size = which.size, tube.shape[1]
     blocks = min(rows, BLOCKS)
     for block in prange(blocks):
-        found, levels = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
+        found, row_values = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
         for place in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
             _add_to_row(
-                tube, marks, reach_sets, (first, first + count), avoid_rows, before, which[place], (found, levels)
+                tube, marks, reach_sets, (first, first + count), avoid_rows, before, which[place], (found, row_values)
             )

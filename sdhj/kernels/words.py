@@ -67,10 +67,10 @@ def look_up(states, cells, slack, kept, within, most, out, missing):
             if steps > most:
                 continue
             to_go[m] = steps if to_go[m] < 0 else min(to_go[m], steps)
-            ahead = max(steps, within)
-            if ahead < fewest:
-                fewest, chosen[m], safe[m] = ahead, -1, False
-            if ahead == fewest:
+            steps_left = max(steps, within)
+            if steps_left < fewest:
+                fewest, chosen[m], safe[m] = steps_left, -1, False
+            if steps_left == fewest:
                 for j in range(safe.shape[1]):
                     safe[m, j] |= (word[INPUTS + (j >> 5)] >> np.uint32(j & 31)) & np.uint32(1) != 0
                 if chosen[m] < 0 and word[1] != NOTHING:
@@ -79,7 +79,7 @@ def look_up(states, cells, slack, kept, within, most, out, missing):
 
 
 @kernel(nogil=True)
-def keep(numbers, some, keys, words):
+def store_words(numbers, some, keys, words):
     """Keep the words some (n, ...) of the cells with flat numbers (n,) in keys and words, in place.
 
     Returns how many of these are new. At least one key more than these must be `FREE` (`slot_of`), which is not

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sdhj.kernels import FloatArray
-from sdhj.table.files import Named, probed, replaced_whole, unwritable, writable_file
+from sdhj.table.files import Named, replaced_whole, require_writable, unwritable_error, writable_file
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
 State = Sequence[float] | FloatArray  # one state (ndim,)
@@ -122,8 +122,8 @@ def writable_folder(folder: Named) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable(folder, error) from error
-    probed(folder)
+        raise unwritable_error(folder, error) from error
+    require_writable(folder)
     return folder
 
 

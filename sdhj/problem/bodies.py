@@ -29,7 +29,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number
-from sdhj.problem.polygons import ROUNDING, around, convex_parts, outline, polygon_level_set
+from sdhj.problem.polygons import ROUNDING, box_without, convex_parts, outline, polygon_level_set
 
 Pose = Callable[[Any, Any], Sequence[Any]]  # (points, t) -> x, y and heading, each (M,) or a number
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # rows times it are a quarter turn to the left
@@ -68,7 +68,7 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
     return Part(corners, normals + 0.0, np.stack([(along * one).sum(axis=1) for one in (begin, end)], axis=1), offsets)
 
 
-def beyond(normal: Any, offset: float) -> Part:
+def half_plane(normal: Any, offset: float) -> Part:
     """The half-plane of all points q with normal . q >= offset, as a `Part`.
 
     normal (2,) : must have length 1, which is not checked. offset : m.
@@ -152,8 +152,13 @@ class Body:
         """
         shape = outline(self.vertices)
         left, low, right, high = shape.bounds
-        sides = [beyond(UNIT[0], right), beyond(-UNIT[0], -left), beyond(UNIT[1], high), beyond(-UNIT[1], -low)]
-        return [*sides, *parts_of(around(shape))]
+        sides = [
+            half_plane(UNIT[0], right),
+            half_plane(-UNIT[0], -left),
+            half_plane(UNIT[1], high),
+            half_plane(-UNIT[1], -low),
+        ]
+        return [*sides, *parts_of(box_without(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
         """The body's pose at points (M, axes) and time t: x, y, heading, each (M,) or a number.
@@ -297,13 +302,13 @@ def body_level_set(
     return level_set
 
 
-def cover(body: Body, tolerance: float) -> FloatArray:
+def covering_disks(body: Body, tolerance: float) -> FloatArray:
     """Disks (K, 3), x, y and radius in the body's frame, that cover a body and reach at most `tolerance` beyond it, m.
 
     The body's radius is left out; a point gets one disk of radius 0. Otherwise the square around the body is halved
     into squares, until half the side of each is at most `FINE` times the depth of its middle in the body, or times the
-    tolerance. A disk about each middle, of this depth plus the tolerance as its radius, is a candidate; `chosen` takes
-    as many as cover all squares, each by one disk.
+    tolerance. A disk about each middle, of this depth plus the tolerance as its radius, is a candidate; `fewest_disks`
+    takes as many as cover all squares, each by one disk.
 
     tolerance : above 0, which is not checked. ValueError where more than `MOST_SQUARES` squares are needed; ImportError
     for a polygon without Shapely.
@@ -314,7 +319,7 @@ def cover(body: Body, tolerance: float) -> FloatArray:
     side, middles, sides = max(right - left, high - low), list[FloatArray](), list[FloatArray]()
     centres = np.array([[left + right, low + high]]) / 2
     while len(centres):
-        depth, half = depths(body, centres), side / 2
+        depth, half = depths_in_body(body, centres), side / 2
         near = depth > -half * math.sqrt(2.0)  # others have nothing of the body
         done = near & (half <= np.maximum(depth, tolerance) * FINE)
         middles.append(centres[done])
@@ -327,15 +332,15 @@ def cover(body: Body, tolerance: float) -> FloatArray:
         centres = (centres[near & ~done, None] + QUARTERS * half / 2).reshape(-1, 2)
         side = half
     squares, halves = np.concatenate(middles), np.concatenate(sides)
-    radii = depths(body, squares) + tolerance
-    return chosen(squares, halves, radii)
+    radii = depths_in_body(body, squares) + tolerance
+    return fewest_disks(squares, halves, radii)
 
 
-def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
+def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
     """Disks (K, 3), x, y and radius, some of those about the squares' middles, such that each square lies in one disk.
 
     Greedy: each time the disk is taken in which most of the squares that are left lie. A square that lies in no disk,
-    not even that about its own middle, is left out; those of `cover` lie in theirs.
+    not even that about its own middle, is left out; those of `covering_disks` lie in theirs.
 
     squares (M, 2) : middles. halves (M,) : half of the sides. radii (M,) : of the disks about the middles.
     """
@@ -355,7 +360,7 @@ def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatA
     return np.column_stack([squares[found], radii[found]])
 
 
-def depths(body: Body, points: FloatArray) -> FloatArray:
+def depths_in_body(body: Body, points: FloatArray) -> FloatArray:
     """How deep points (M, 2) lie in a body, in its frame and without its radius: minus the signed distance, (M,).
 
     At most 0 for a segment or a point, which have no inside.
@@ -373,13 +378,13 @@ def map_body_level_set(
     unsafe.
 
     The least of distance(middle of a disk) - radius of the disk - radius of the body, over the disks that cover the
-    robot's bodies (`cover`).
+    robot's bodies (`covering_disks`).
 
     robot : its bodies, at least one. distance : signed distance (x, y) -> (M,) to what is unsafe, in the map's frame.
     origin : the pose (x, y, yaw) of this frame, m and rad. tolerance : how far disks may reach beyond a body, m.
     ValueError where that takes too many disks.
     """
-    disks = [(body, cover(body, tolerance)) for body in robot]
+    disks = [(body, covering_disks(body, tolerance)) for body in robot]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         """The least of the map's distance at a disk's middle, less the radii of disk and body, at points (M, axes):

@@ -117,10 +117,10 @@ class Maxima(NamedTuple):
         return out
 
 
-class Level(NamedTuple):
+class AxisMaxima(NamedTuple):
     """The maxima that are taken along one axis: leaf i is that of function parent[i] over spans[which[i]].
 
-    spans : different intervals (low, high) around a node, in the unit of the axis. The leaves of one level are the
+    spans : different intervals (low, high) around a node, in the unit of the axis. The leaves of one of these are the
     functions of the next.
     """
 
@@ -131,27 +131,27 @@ class Level(NamedTuple):
 
 
 @lru_cache(maxsize=16)  # the same at every step
-def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """The `Leaves` of a level, for the nodes from `begin` to `end` (not included) of its axis of the grid, or window.
+def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
+    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end` (not included) of the grid, or window.
 
     limited : whether interpolation has the limited second difference, as for `intervals`, or is linear. dtype : of the
     weights. Equal arguments give the same arrays again, so callers must not write to them.
     """
-    axis, n = level.axis, grid.shape[level.axis]
+    axis, n = axis_maxima.axis, grid.shape[axis_maxima.axis]
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
-    cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in level.spans)
+    cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in axis_maxima.spans)
     found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
     taps, weight, between = (np.ascontiguousarray(one[:, begin:end]) for one in found[:3])
-    return Leaves(np.array(level.parent), np.array(level.which), taps, weight, between, found[3])
+    return Leaves(np.array(axis_maxima.parent), np.array(axis_maxima.which), taps, weight, between, found[3])
 
 
 @lru_cache(maxsize=64)
-def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Level, ...]], ...]:
+def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[AxisMaxima, ...]], ...]:
     """In which order to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
 
-    The boxes are cut into runs of successive boxes; the result has (index of the first box, levels) for each run. The
-    axes with the fewest different intervals go first. A run is as many times eight boxes as leave at most `most`
-    functions before the last level; the last run may be shorter. Equal arguments give the same object.
+    The boxes are cut into runs of successive boxes; the result has (index of the first box, `AxisMaxima`) for each run.
+    The axes with the fewest different intervals go first. A run is as many times eight boxes as leave at most `most`
+    functions before the last of them; the last run may be shorter. Equal arguments give the same object.
 
     corners : the bytes of (count, ndim, 2) float64, lower and upper ends around a node in the axes' units. count : how
     many boxes, at least one. most : at least eight.
@@ -169,7 +169,7 @@ def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Lev
     runs.append((first, count))
     found = []
     for begin, end in runs:
-        levels, node = [], np.zeros(end - begin, np.int64)
+        axes_maxima, node = [], np.zeros(end - begin, np.int64)
         for axis in (*others, last):
             some = np.column_stack([node, spans[begin:end, axis]])
             leaves, node = np.unique(some, axis=0, return_inverse=True) if axis != last else (some, node)
@@ -178,8 +178,8 @@ def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Lev
                 kinds_here, which = np.unique(leaves[:, 1:], axis=0, return_inverse=True)
                 parent = tuple(leaves[:, 0].astype(int).tolist())
                 pairs = tuple((low, high) for low, high in kinds_here.tolist())
-                levels.append(Level(axis, pairs, parent, tuple(which.reshape(-1).tolist())))
-        found.append((begin, tuple(levels)))
+                axes_maxima.append(AxisMaxima(axis, pairs, parent, tuple(which.reshape(-1).tolist())))
+        found.append((begin, tuple(axes_maxima)))
     return tuple(found)
 
 
@@ -207,31 +207,31 @@ def maxima(
         Of the boxes from `first` on, in their order. Its last step is left to its `of`.
     """
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
-    for first, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
-        done = {level.axis for level in levels}
+    for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
+        done = {axis_maxima.axis for axis_maxima in axes_maxima}
         rest = [slice(None) if axis in done or not wanted else wanted[axis] for axis in range(grid.ndim)]
         # a copy of what may not be written to, for which kernels would be compiled once more
         found = np.require(values[tuple(rest)], requirements=("C", "W"))[None]
-        for level in levels:
-            some = range(grid.shape[level.axis])[wanted[level.axis] if wanted else slice(None)]
-            leaves = _leaves(level, grid, interpolation == "limited", values.dtype.str, some.start, some.stop)
-            whole = Maxima(first, len(level.parent), found, level.axis, leaves)
-            found = whole.of() if level is not levels[-1] else found
+        for axis_maxima in axes_maxima:
+            some = range(grid.shape[axis_maxima.axis])[wanted[axis_maxima.axis] if wanted else slice(None)]
+            leaves = _leaves(axis_maxima, grid, interpolation == "limited", values.dtype.str, some.start, some.stop)
+            whole = Maxima(first, len(axis_maxima.parent), found, axis_maxima.axis, leaves)
+            found = whole.of() if axis_maxima is not axes_maxima[-1] else found
         yield whole
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
     """How many operations (`sdhj.problem.cost`) `maxima` takes over boxes with corners low, high (L, ndim).
 
-    For each node of the grid and each interval of a level, `A_READ` times (4 + the nodes in the interval, those of the
-    axis at most). low, high : in the axes' units.
+    For each node of the grid and each interval along an axis, `A_READ` times (4 + the nodes in the interval, those of
+    the axis at most). low, high : in the axes' units.
     """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
-    for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
-        for level in levels:
-            n, spacing = grid.shape[level.axis], grid.spacing[level.axis]
-            widths = [4 + min((b - a) / spacing, n) for a, b in level.spans]
-            reads += sum(widths[which] for which in level.which)
+    for _, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
+        for axis_maxima in axes_maxima:
+            n, spacing = grid.shape[axis_maxima.axis], grid.spacing[axis_maxima.axis]
+            widths = [4 + min((b - a) / spacing, n) for a, b in axis_maxima.spans]
+            reads += sum(widths[which] for which in axis_maxima.which)
     return A_READ * reads * grid.size
 
 
@@ -276,7 +276,7 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
     ).tolist()
-    raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.continued(past)
+    raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.extended(past)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
         for some in maxima(wide, raised, points, points, interpolation):

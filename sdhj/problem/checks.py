@@ -177,7 +177,7 @@ def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
     return states
 
 
-def sealed(array: Any) -> Any:
+def read_only_view(array: Any) -> Any:
     """A read-only view of an array, which itself stays writable; anything else is returned unchanged."""
     if isinstance(array, np.ndarray):
         array = array.view()

@@ -16,7 +16,7 @@ from sdhj.problem.memory import available
 from sdhj.problem.sampled import Sampled
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.problem.statement import Statement
-from sdhj.problem.uncertain import shrunk
+from sdhj.problem.uncertain import eroded_by_error
 
 COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
 SWEPT_STATES = 1000  # at which `swept` is compared with the level-set function, each at INSTANTS of every interval
@@ -144,7 +144,7 @@ def check_sensing(problem: Sampled) -> None:
             f"input has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
         )
     steps, j = range((problem.steps or 0) + 1), sensing.jitter
-    if j and (problem.target.moving or problem.dynamics.timed or problem.view_time == "instantaneous"):
+    if j and (problem.target.moving or problem.dynamics.depends_on_time or problem.view_time == "instantaneous"):
         raise ValueError(
             "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
             'must be "swept" or "sampled"'
@@ -155,7 +155,7 @@ def check_sensing(problem: Sampled) -> None:
     if free is not None and grid.sampling_bytes > free[0]:
         return  # and `solve` says so
     goals = (problem.goal(step) for step in steps)
-    if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):
+    if not any((eroded_by_error(problem, eroded_by_error(problem, goal)) <= 0).any() for goal in goals):
         raise ValueError(
             f"the state is known to within {np.round(problem.half_widths[0], 6).tolist()} only, and no box of twice "
             "that around a grid node is in the target and safe; reduce error or delay, or enlarge the target"

@@ -98,7 +98,7 @@ class Meter:
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
-        self.each, self.until, self.at = 1, 0, 0
+        self.operations_per_tube, self.until, self.at = 1, 0, 0
 
     def __enter__(self) -> "Meter":
         """Make it the meter of this context; returns it."""
@@ -134,8 +134,8 @@ class Meter:
                 f"nodes, or allow more by --operations or solve(..., operations={1.1 * cost.operations:.1e})"
             )
         self.until = round(cost.once)  # whole numbers, which add up
-        self.each = round((cost.operations - cost.once) / max(cost.tubes, 1))
-        total = None if endless else self.until + cost.tubes * self.each
+        self.operations_per_tube = round((cost.operations - cost.once) / max(cost.tubes, 1))
+        total = None if endless else self.until + cost.tubes * self.operations_per_tube
         self.bar = tqdm(desc=self.name, total=total, unit="op", unit_scale=True, disable=self.hidden)
         disk = f" and {cost.disk / 1e9:.2g} GB on disk" if cost.disk else ""
         self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB{disk}")
@@ -158,7 +158,7 @@ class Meter:
         if self.bar is None:  # of sets that state nothing
             self.begin(None, True)
         self.tick(self.until - self.at)
-        self.until += self.each
+        self.until += self.operations_per_tube
 
 
 def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
@@ -168,7 +168,7 @@ def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
     "cells".
     """
     moving = [repr(part.name) for part in problem.all_sets if part.moving]
-    moving += ["the dynamics"] * problem.dynamics.timed
+    moving += ["the dynamics"] * problem.dynamics.depends_on_time
     depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
     why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""
     return f"{tubes:,} tubes{why} of {size:,} {what} for {len(problem.inputs)} inputs"

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.derivative import linear
-from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, sure_of_zeros
+from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, with_checked_zeros
 from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.ball import Ball
-from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
+from sdhj.problem.checks import KNOWN, arguments, finite_array, read_only_view, whole
 
 CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
 AT_ONCE = 1 << 20  # points and pieces whose velocities are bounded together
@@ -182,7 +182,7 @@ class Dynamics:
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
-                u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.adversaries)
+                u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.disturbance_dim)
 
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
@@ -191,7 +191,7 @@ class Dynamics:
 
                     u : the input, and one : the shape for one point; both are those of this pass of the loop.
                     """
-                    values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
+                    values = np.asarray(_call_with_taken(function, takes, points, read_only_view(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
@@ -215,7 +215,7 @@ class Dynamics:
         if given is None:  # there is no disturbance
             given = np.zeros(1 if shape is None else shape)
         if isinstance(given, BlackBox):
-            function = partial(_called, given.function, arguments(name, given))
+            function = partial(_call_with_taken, given.function, arguments(name, given))
             given = given.checked(name, (), ("u", "t0", "t1"))
             return replace(given, function=function, shape=shape or ())
         if isinstance(given, Formula):
@@ -231,12 +231,14 @@ class Dynamics:
 
         def taken(u: FloatArray, rows: int) -> list[Any]:
             """The arguments of a traced call under input u (m,), those in `takes`, for as many points as `rows`."""
-            return _taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
+            return _arguments_taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
         for j, u in enumerate(self.inputs):
             label = f"{name} under input {j}" if "u" in takes else name
-            found, one = traced(label, given, rows, partial(taken, sealed(u)), shape, "points" in takes, again=j == 0)
+            found, one = traced(
+                label, given, rows, partial(taken, read_only_view(u)), shape, "points" in takes, again=j == 0
+            )
             if name == "bounds" and len(one) != 1:
                 points = ("M",) * ("points" in takes)
                 shapes = f"shape {(*points, 'D')}, got {(*points, *one)}".replace("'", "")
@@ -247,7 +249,7 @@ class Dynamics:
                 f"{name} has {lines:,} operations for all {count} inputs together, and a file keeps fewer than "
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
-        results = sure_of_zeros(name, outputs, ndim, parameters)
+        results = with_checked_zeros(name, outputs, ndim, parameters)
         self._parts[name] = given, Formula(results, ndim, parameters, (count, *one), name)
         return self._parts[name][1]
 
@@ -279,9 +281,10 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 class VectorField:
     """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
 
-    It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`range`, `extremes`), and says what
-    they depend on (`reads`, `pushes`, `timed`, `constant`, `stateless`). Points must have coordinates on periodic axes
-    wrapped into the grid. It is immutable; what follows from its parts is made once, at first use.
+    It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`velocity_bounds`, `extremes`), and
+    says what they depend on (`reads`, `pushes`, `depends_on_time`, `constant`, `stateless`). Points must have
+    coordinates on periodic axes wrapped into the grid. It is immutable; what follows from its parts is made once, at
+    first use.
     """
 
     inputs: FloatArray  # (L, m), the input vectors u_j
@@ -339,12 +342,12 @@ class VectorField:
         return not self.reads.any()
 
     @cached_property
-    def timed(self) -> bool:
+    def depends_on_time(self) -> bool:
         """Whether drift, gain or bounds depend on time; a black box does unless its `rate` is 0."""
-        return any(part.timed for part in self.parts)
+        return any(part.depends_on_time for part in self.parts)
 
     @property
-    def adversaries(self) -> int:
+    def disturbance_dim(self) -> int:
         """D, the number of components of v; at least 1, as no disturbance is one with bounds 0."""
         return self.bounds.shape[1]
 
@@ -365,7 +368,7 @@ class VectorField:
         box or None.
         """
         if not isinstance(self.gain, Formula):
-            return np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
+            return np.ones((len(self.inputs), self.ndim, self.disturbance_dim), np.bool_)
         zero = constant(0.0)
         return ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
 
@@ -396,14 +399,14 @@ class VectorField:
             moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
-    def cuts(self, axes: Sequence[int]) -> tuple[int, ...]:
+    def pieces_of_components(self, axes: Sequence[int]) -> tuple[int, ...]:
         """Into how many pieces the range of each component of v is cut, (D,): `pieces` or 1.
 
         `pieces` where v does not enter linearly and the component moves more than one of these axes. The velocity set
         is then the union of boxes, one for each combination of pieces.
         """
         if self.gain is not None:
-            return (1,) * self.adversaries
+            return (1,) * self.disturbance_dim
         several = (self._moved[:, list(axes)].sum(axis=1) > 1).any(axis=0)
         return tuple(np.where(several, self.pieces, 1).tolist())
 
@@ -414,7 +417,7 @@ class VectorField:
         Made once. It does where the formula of that velocity reads it.
         """
         each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
-        return np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each])
+        return np.array([[[1 + d in one for d in range(self.disturbance_dim)] for one in row] for row in each])
 
     @property
     def is_cut(self) -> bool:
@@ -429,7 +432,12 @@ class VectorField:
         () where v does not enter linearly, or gain or bounds depend on time. Of constant dynamics, pushes below 1e-12
         of the greatest do not count. Made once.
         """
-        if self.gain is None or not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
+        if (
+            self.gain is None
+            or not self.couples(range(self.ndim))
+            or self.gain.depends_on_time
+            or self.bounds.depends_on_time
+        ):
             return ()
         moved = self.pushes
         if self.constant:
@@ -517,7 +525,7 @@ class VectorField:
 
         Points and t may be traced. ValueError where a velocity is undefined.
         """
-        still = [0.0] * self.adversaries if self.gain is None else []
+        still = [0.0] * self.disturbance_dim if self.gain is None else []
         return self.each["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
@@ -529,8 +537,10 @@ class VectorField:
         if self.gain is not None:
             return self.each["gain"][j](points, t)
         most, columns = self.bounds_at(j, t), []
-        for d in range(self.adversaries):
-            ends = [self.velocity_at(points, j, s * most * (np.arange(self.adversaries) == d), t) for s in (-1.0, 1.0)]
+        for d in range(self.disturbance_dim):
+            ends = [
+                self.velocity_at(points, j, s * most * (np.arange(self.disturbance_dim) == d), t) for s in (-1.0, 1.0)
+            ]
             columns.append((ends[1] - ends[0]) / (2 * most[d]) if most[d] else 0.0 * ends[0])
         return np.stack(columns, axis=2)
 
@@ -539,7 +549,7 @@ class VectorField:
 
         Also traced. That v is within its bounds is not checked.
         """
-        each = np.broadcast_to(v, (len(points), self.adversaries))
+        each = np.broadcast_to(v, (len(points), self.disturbance_dim))
         if self.gain is not None:
             return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
         return self._with_disturbance[j](np.concatenate([points, each], axis=1), t)
@@ -550,7 +560,7 @@ class VectorField:
 
         Only where v does not enter linearly.
         """
-        ndim, count = self.ndim, self.ndim + self.adversaries
+        ndim, count = self.ndim, self.ndim + self.disturbance_dim
 
         def velocity(one: Formula, points: Any, t: Any) -> Any:
             """The velocity `one` (M = 1, ndim) at a traced point (1, ndim + D), whose last coordinates are v."""
@@ -568,7 +578,7 @@ class VectorField:
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
-        if not self.bounds.timed:
+        if not self.bounds.depends_on_time:
             self._still_bounds[j] = read_only(bounds.copy())
         return bounds
 
@@ -605,7 +615,7 @@ class VectorField:
         undefined for some v.
         """
         if self.gain is None:
-            low, high = self.range(j, points, points, (t, t))
+            low, high = self.velocity_bounds(j, points, points, (t, t))
             if not (good := np.isfinite(low).all(axis=1)).all():
                 raise ValueError(
                     f"velocity under input {j} may be undefined or infinite for some disturbance within its bounds, at "
@@ -614,7 +624,7 @@ class VectorField:
             return np.stack([low, high], axis=1)
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
-    def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
+    def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
         """Lower and upper bounds, (M, ndim) each, of the velocity under input j over M boxes of states and an interval
         of time.
 
@@ -625,7 +635,7 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            v = zip(*self.disturbance(j, low, high, time, signs), strict=True)
+            v = zip(*self.disturbance_bounds(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
@@ -636,11 +646,14 @@ class VectorField:
         """The greatest n . velocity over all v, for each direction n, under input j at points (M, ndim): (M, K).
 
         directions (K, ndim) : the vectors n, of any length. t : the time, s. Only where v does not enter linearly. It
-        is an upper bound: the maximum over the boxes of velocities of all combinations of pieces of v (`cuts`).
-        ValueError where a velocity may be undefined.
+        is an upper bound: the maximum over the boxes of velocities of all combinations of pieces of v
+        (`pieces_of_components`). ValueError where a velocity may be undefined.
         """
-        ends = self.disturbance(j, points[:1], points[:1], (t, t))
-        nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
+        ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
+        nodes = [
+            np.linspace(a, b, cut + 1)
+            for a, b, cut in zip(*ends, self.pieces_of_components(range(self.ndim)), strict=True)
+        ]
         pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(directions)), -np.inf)
         for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
             low, high = (
@@ -653,7 +666,9 @@ class VectorField:
             self.extremes(points, j, t)  # says what is wrong
         return found
 
-    def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
+    def disturbance_bounds(
+        self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None
+    ) -> FloatArray:
         """Least and greatest v under input j in an interval of time (begin, end), s: (2, D).
 
         -+ the greatest half-widths; with `signs` the range of sign_d bounds_d.
@@ -683,7 +698,7 @@ class VectorField:
         return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """As `VectorField.range`, where drift or gain is a black box: bounds by what is declared, rounded outward.
+        """As `velocity_bounds`, where drift or gain is a black box: bounds by what is declared, rounded outward.
 
         Bounds of the drift + sum_d of the least and of the greatest gain_d v_d, (M, ndim) each.
 
@@ -691,13 +706,13 @@ class VectorField:
         -1 and 1, the vertex of its box that v keeps to, or None. ValueError where a black box declares too little.
         """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
-        pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
+        pushes = np.stack([one * v for one in gain for v in self.disturbance_bounds(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
         rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
         return drift[0] + least - rounded, drift[1] + most + rounded
 
 
-def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
+def _arguments_taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
     """The arguments of a call of a function that takes some of points, u, t and v: those, in the function's order.
 
     takes : their names, from `checks.arguments`.
@@ -706,9 +721,9 @@ def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = No
     return [known[one] for one in takes]
 
 
-def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
+def _call_with_taken(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
     """The answer of a function that takes some of points, u, t and v.
 
     takes : the names of those that it takes, in its order. given : points, u, t and perhaps v, in this order.
     """
-    return function(*_taken(takes, *given))
+    return function(*_arguments_taken(takes, *given))

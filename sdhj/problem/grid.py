@@ -18,7 +18,7 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.checks import number, points_array, sequence, whole
 from sdhj.problem.ends import ENDS, Fate
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 
 MOST_EXTENT = 1e300  # of an end of an axis: its length is a number, and so is what is moved past it
 MIN_NODES = 5  # the widest stencils use two nodes on each side
@@ -73,7 +73,7 @@ class Grid:
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
-    unsaid: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
+    ends_not_given: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class Grid:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
-        object.__setattr__(self, "unsaid", periodic is None and ends is None)
+        object.__setattr__(self, "ends_not_given", periodic is None and ends is None)
         periodic, ends = [False] * ndim if periodic is None else periodic, next(iter(ENDS)) if ends is None else ends
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
@@ -174,7 +174,7 @@ class Grid:
         """
         if self.size > SMALL:
             what = f"a list of the nodes of {' x '.join(map(str, self.shape))}"
-            require(8 * (2 * self.ndim + 5) * self.size, what)
+            require_memory(8 * (2 * self.ndim + 5) * self.size, what)
         points = np.empty((*self.shape, self.ndim))
         for axis in range(self.ndim):
             points[..., axis] = self.lift(self.nodes(axis), [axis])
@@ -196,11 +196,11 @@ class Grid:
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
-    def continued(self, by: Sequence[int]) -> "Grid":
-        """A `Continued` grid: by[axis] more nodes before the lower and behind the upper end of each axis, all ends
+    def extended(self, by: Sequence[int]) -> "Grid":
+        """A `ExtendedGrid` grid: by[axis] more nodes before the lower and behind the upper end of each axis, all ends
         walls.
         """
-        return Continued(self, by)
+        return ExtendedGrid(self, by)
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
         """Yield windows of at most `PIECE` nodes that together are the grid, in the order of its nodes.
@@ -262,7 +262,7 @@ class Grid:
         """A new grid of these axes, with their padding: what `subgrid`, which keeps it, returns."""
         lower, upper, shape, periodic, names, ends, padding = ([one[axis] for axis in axes] for one in self._by_axis)
         plain = Grid(lower, upper, shape, periodic, names, ends)
-        return Rimmed(plain, padding) if np.any(padding) else plain
+        return PaddedGrid(plain, padding) if np.any(padding) else plain
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
@@ -287,7 +287,7 @@ class Grid:
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
         """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): none, but on a
-        `Rimmed` grid.
+        `PaddedGrid`.
         """
         return ((0, 0),) * self.ndim
 
@@ -513,31 +513,29 @@ class Grid:
 
 
 @dataclass(frozen=True, init=False)
-class Rimmed(Grid):
+class PaddedGrid(Grid):
     """A grid of which some nodes, its padding, lie past safe ends, so that games are played there
     (`sdhj.problem.boxes`).
 
-    over : how many nodes lie past the lower and the upper safe end of each axis, ((low, high), ...). `lower` and
-    `upper` are where the nodes end; `faces("frees")` are the safe ends.
+    nodes_past_ends : how many nodes lie past the lower and the upper safe end of each axis, ((low, high), ...). `lower`
+    and `upper` are where the nodes end; `faces("frees")` are the safe ends.
     """
 
-    over: tuple[tuple[int, int], ...] = ()
+    nodes_past_ends: tuple[tuple[int, int], ...] = ()
 
-    def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
-        """The nodes of `grid`, padding included, of which the first over[axis][0] and the last over[axis][1] lie past
-        safe ends.
-        """
+    def __init__(self, grid: Grid, nodes_past_ends: Sequence[Sequence[int]]) -> None:
+        """The nodes of `grid`, padding included, of which so many at both ends of each axis lie past safe ends."""
         super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
-        object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
+        object.__setattr__(self, "nodes_past_ends", tuple((int(low), int(high)) for low, high in nodes_past_ends))
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """`over`: how many nodes of each axis lie past its lower and its upper safe end."""
-        return self.over
+        """`nodes_past_ends`: how many nodes of each axis lie past its lower and its upper safe end."""
+        return self.nodes_past_ends
 
 
 @dataclass(frozen=True, init=False)
-class Continued(Grid):
+class ExtendedGrid(Grid):
     """A grid with more nodes before the lower and behind the upper end of each axis, at the same spacing to the bit,
     and walls at all ends.
     """
@@ -583,12 +581,12 @@ class Window(Grid):
         """Coordinates (shape[axis],) of the window's nodes on one axis: to the bit those of the whole grid."""
         return self.whole.nodes(axis)[self.places(axis)]
 
-    def continued(self, by: Sequence[int]) -> Grid:
-        """The window with by[axis] more nodes on both sides of each axis: a window of what `Grid.continued` makes of
+    def extended(self, by: Sequence[int]) -> Grid:
+        """The window with by[axis] more nodes on both sides of each axis: a window of what `Grid.extended` makes of
         the whole grid.
         """
         shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
-        return self.whole.continued(by).window(self.first, shape)
+        return self.whole.extended(by).window(self.first, shape)
 
     def shares(self, axis: int) -> FloatArray:
         """Share of the whole axis's length that each of the window's nodes represents, (shape[axis],)."""

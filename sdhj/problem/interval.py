@@ -19,7 +19,7 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.tubes import PATH
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
@@ -66,7 +66,7 @@ class Velocities:
         """Make the arrays read-only, in place."""
         read_only((self.low, self.high, self.drift, self.gain))
 
-    def kept(self) -> "Velocities":
+    def with_terms(self) -> "Velocities":
         """The same velocities, arrays shared, with a dictionary `terms` in which schemes keep what they make of them.
 
         Itself where it has one already.
@@ -98,11 +98,11 @@ class Velocities:
         count = duration * float(rate) / cfl * (1 - 1e-9)
         if count > MOST_STEPS:
             what = f"time steps for each PDE, at cfl {cfl:g}"
-            raise too_fast(grid, np.array([along.max() for along in speed]), duration, count, what)
+            raise too_fast_error(grid, np.array([along.max() for along in speed]), duration, count, what)
         return int(np.ceil(count))
 
 
-def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
+def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
     """Make, not raise, the ValueError for an interval of `duration` s that needs more than `MOST_STEPS` of something.
 
     speed (ndim,) : greatest |velocity| on each axis; the message names the axis on which most cells are crossed. count,
@@ -159,10 +159,10 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 class Interval:
     """The motion from one sampling time to the next, under a constant input and any disturbance.
 
-    Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end (`ahead`,
-    `reachable_boxes`), and has the velocity sets of the games (`velocities`, `displacement_boxes`). States may have any
-    coordinates on periodic axes; they are wrapped before velocities are evaluated. It is immutable; what is found once
-    is kept with it, or with its dynamics.
+    Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end
+    (`displacement_sets`, `reachable_boxes`), and has the velocity sets of the games (`velocities`,
+    `displacement_boxes`). States may have any coordinates on periodic axes; they are wrapped before velocities are
+    evaluated. It is immutable; what is found once is kept with it, or with its dynamics.
     """
 
     grid: Grid
@@ -170,7 +170,7 @@ class Interval:
     begin: float  # when it begins, s
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
-    wider: FloatArray | float = 0.0  # by how much boxes that `ahead` returns are widened to each side: (ndim,), or 0
+    wider: FloatArray | float = 0.0  # by how much boxes of `displacement_sets` are widened to each side: (ndim,), or 0
     whole: "Interval | None" = None  # where the grid is a window: the interval on the whole grid
 
     @property
@@ -203,7 +203,7 @@ class Interval:
         points = self.grid.wrapped(states)
         if self.dynamics.shared_gain:
             return self.dynamics.gain_at(points, 0, t)
-        gain = np.empty((*states.shape, self.dynamics.adversaries))
+        gain = np.empty((*states.shape, self.dynamics.disturbance_dim))
         for j, rows in by_input(inputs):
             gain[rows] = self.dynamics.gain_at(points[rows], j, t)
         return gain
@@ -214,7 +214,7 @@ class Interval:
         ValueError where a bound is below 0.
         """
         if self.dynamics.shared_gain:
-            return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.adversaries))
+            return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.disturbance_dim))
         table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
         return table[inputs]
 
@@ -282,7 +282,7 @@ class Interval:
 
         (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the midpoint rule.
         """
-        _, _, moved, more = self.ahead(states)[:PATH]
+        _, _, moved, more = self.displacement_sets(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
@@ -306,11 +306,11 @@ class Interval:
         cut into pieces. Elsewhere they are estimates: the drift is taken by the midpoint rule, the adversary's gain is
         that at the start, and pieces of v have the velocities halfway.
         """
-        low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
+        low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
         return low - spread, high + spread
 
-    def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
+    def reachable_points(self, states: FloatArray, sides: FloatArray) -> FloatArray:
         """States in `reachable_boxes` that the adversary can bring about, one towards each point `sides` of the box.
 
         (M, L, P, ndim), relative to the states (M, ndim); (1, L, P, ndim) where they are the same for all states. sides
@@ -321,7 +321,7 @@ class Interval:
         is out. Where v is cut into pieces, it is the last point on the line from the middle of the box to the point
         that is beyond none of the planes of `normals`.
         """
-        low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
+        low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
         if (normals := self.normals).size:
             middle, way = (low + high) / 2, points - (low + high) / 2
@@ -335,7 +335,7 @@ class Interval:
             points = points + np.where(towards >= 0, far, -far) * half
         return np.asarray(points)
 
-    def ahead(self, states: FloatArray) -> FloatArray:
+    def displacement_sets(self, states: FloatArray) -> FloatArray:
         """Boxes and paths that each input leads to, relative to states (M, ndim): (4 + K, L, ndim, M), or 1 in place of
         M.
 
@@ -348,18 +348,20 @@ class Interval:
         normals in each of the K, the last of which is filled up with zeros. It is a new array that may be written to.
         """
         if self.dynamics.stateless:
-            return self._ahead_everywhere.copy()  # compiled look-ups take it in place of what they write
-        found = (self.ahead_formula or self._ahead)(states, self.begin)
+            return self._constant_displacement_sets.copy()  # compiled look-ups take it in place of what they write
+        found = (self.displacement_formula or self._displacement_sets)(states, self.begin)
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
     @kept
-    def _ahead_everywhere(self) -> FloatArray:
-        """`ahead` where it is the same for all states, (4 + K, L, ndim, 1), read-only, made once."""
-        return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
+    def _constant_displacement_sets(self) -> FloatArray:
+        """`displacement_sets` where it is the same for all states, (4 + K, L, ndim, 1), read-only, made once."""
+        return np.ascontiguousarray(
+            np.moveaxis(self._displacement_sets(np.array([self.grid.lower]), self.begin), 0, -1)
+        )
 
     @property
-    def ahead_formula(self) -> Formula | None:
-        """`ahead` as one formula of states and the time t of the interval's begin, with results (4 + K, L, ndim).
+    def displacement_formula(self) -> Formula | None:
+        """`displacement_sets` as one formula of states and the time t at which the interval begins: (4 + K, L, ndim).
 
         None where it is the same for all states, where the dynamics have a black box, or where v does not enter
         linearly. Made once for all intervals of a problem that differ in their begin alone.
@@ -367,13 +369,12 @@ class Interval:
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
-        what = "ahead", self.delta, self.early, *np.ravel(self.wider).tolist()
-        found: Formula = self._as_formula(what, self._ahead, self.grid.ndim)
+        what = "displacement_sets", self.delta, self.early, *np.ravel(self.wider).tolist()
+        found: Formula = self._as_formula(what, self._displacement_sets, self.grid.ndim)
         return found
 
-    def _ahead(self, states: Any, begin: Any) -> Any:
-        """`ahead` of states (M, ndim) for an interval that begins at `begin`, with the states first: (M, 4 + K, L,
-        ndim).
+    def _displacement_sets(self, states: Any, begin: Any) -> Any:
+        """`displacement_sets` of states (M, ndim) for an interval from `begin`, states first: (M, 4 + K, L, ndim).
 
         M is 1 in the result where it is the same for all states. States may be traced. The boxes are hulls over three
         of the ends that the adversary may choose (now, in the middle and at the latest), widened by `wider`.
@@ -404,9 +405,9 @@ class Interval:
         in the hull of those of the pieces, whose greatest part along each normal is known. Made once.
         """
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
-        pieces = math.prod(dynamics.cuts(range(ndim)))
+        pieces = math.prod(dynamics.pieces_of_components(range(ndim)))
         for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
-            most = max(dynamics.cuts(pair))
+            most = max(dynamics.pieces_of_components(pair))
             count = min(FAN * most, MOST_NORMALS)
             for k in range(count if most > 1 else 0):
                 if 4 * k % count:  # not along an axis
@@ -427,12 +428,12 @@ class Interval:
         """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
-            times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.timed else np.array([self.begin])
-            shares = self.delta * (WEIGHTS / 2 if dynamics.timed else np.ones(1))
+            times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.depends_on_time else np.array([self.begin])
+            shares = self.delta * (WEIGHTS / 2 if dynamics.depends_on_time else np.ones(1))
             nothing = np.zeros((1, self.grid.ndim))
             each = [[dynamics.greatest_along(nothing, j, t, directions) for t in times.tolist()] for j in count]
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
-        instants = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
+        instants = [begin] if not dynamics.depends_on_time else [begin, begin + self.delta / 2, begin + self.delta]
         (moved, centre), far = self._moves(states, begin), []
         for j in count:
             # where the state is halfway without an adversary: velocities at the begin alone would err to first order
@@ -473,11 +474,13 @@ class Interval:
             low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
-        times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
+        times = [begin] if not dynamics.depends_on_time else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):
             if dynamics.oblique:
-                some = dynamics.bounds_at(j, self.begin) * ~np.isin(np.arange(dynamics.adversaries), dynamics.oblique)
+                some = dynamics.bounds_at(j, self.begin) * ~np.isin(
+                    np.arange(dynamics.disturbance_dim), dynamics.oblique
+                )
                 lows.append((np.abs(dynamics.gain_at(points, j, begin)) * some).sum(axis=2))
                 highs.append(lows[-1])
                 continue
@@ -511,7 +514,7 @@ class Interval:
         (end - begin) times the mean over time of the least and of the greatest velocity; exact where these do not
         depend on time, else by Gauss's rule with 8 nodes. Only where velocities do not depend on the state.
         """
-        if self.dynamics.timed:
+        if self.dynamics.depends_on_time:
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
             mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
         else:
@@ -529,7 +532,7 @@ class Interval:
         time, or no component couples these axes. Only where velocities do not depend on the state.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
-        fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
+        fixed = dynamics.gain is not None and not (dynamics.gain.depends_on_time or dynamics.bounds.depends_on_time)
         if not fixed or not dynamics.couples(own):
             return np.zeros((len(dynamics.inputs), 0, len(own)))
         nothing, count = np.zeros((1, grid.ndim)), range(len(dynamics.inputs))
@@ -553,7 +556,7 @@ class Interval:
         if not self.grid.ends_where("holds")[:, axis].any():
             return False
         drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
-        return dynamics.drift.timed or any(drifts) or not all(map(partial(_symmetric, row), pushes))
+        return dynamics.drift.depends_on_time or any(drifts) or not all(map(partial(_symmetric, row), pushes))
 
     @property
     def held(self) -> FloatArray:
@@ -612,7 +615,7 @@ class Interval:
         """
         if self.whole is not None:
             return self.whole.speeds
-        instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])
+        instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.depends_on_time else INSTANTS[:1])
         ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
 
@@ -707,12 +710,16 @@ class Interval:
         piece, so the true H is at most the maximum over them, which is at most that of one box for all v. The boxes
         hold all coordinates that are left out. MemoryError where the pieces do not fit.
         """
-        dynamics, (seen, outside), cuts = self.dynamics, self._with_axes_read(axes), self.dynamics.cuts(axes)
+        dynamics, (seen, outside), cuts = (
+            self.dynamics,
+            self._with_axes_read(axes),
+            self.dynamics.pieces_of_components(axes),
+        )
         grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
         if count > 1:
-            require(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
+            require_memory(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
         points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
-        ends = dynamics.disturbance(j, points, points, (t, t))
+        ends = dynamics.disturbance_bounds(j, points, points, (t, t))
         nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
         for at in product(*map(range, cuts)):
             v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
@@ -736,8 +743,8 @@ class Interval:
         do not fit.
         """
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
-        grid, count = self.grid.subgrid(seen), dynamics.adversaries
-        require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
+        grid, count = self.grid.subgrid(seen), dynamics.disturbance_dim
+        require_memory(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
         bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:

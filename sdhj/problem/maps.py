@@ -35,7 +35,7 @@ from sdhj.formulas.graph import MOST_TABLES
 from sdhj.formulas.gridded import gridded
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, one_line, option, plain_array
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.polygons import MISSING
 
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server requires
@@ -159,25 +159,27 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     what, words = "the YAML file of a map", {"0": False, "1": True} | yaml.SafeLoader.bool_values
     try:
         # to this loader every value is text: numbers are those of YAML 1.2, such as 1e-1, and nothing is made of tags
-        entries = yaml.load(contents(path, MOST_TEXT).decode("utf-8"), Loader=_little_nested(yaml.BaseLoader))
+        entries = yaml.load(
+            bytes_of_file(path, MOST_TEXT).decode("utf-8"), Loader=_loader_of_little_nesting(yaml.BaseLoader)
+        )
         if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
             said = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
             raise ValueError(f"it must have the keys {', '.join(KEYS)}, and {said}")
         option("mode", entries.get("mode", MODES[0]), MODES)
         image, negate, origin = (entries[key] for key in ("image", "negate", "origin"))
         option("negate", negate.lower() if isinstance(negate, str) else negate, [*words])
-        free = number("free_thresh", spelled(entries["free_thresh"]), least=0.0, most=1.0)
-        number("occupied_thresh", spelled(entries["occupied_thresh"]), least=free, most=1.0)
-        resolution = number("resolution", spelled(entries["resolution"]), above=0.0)
+        free = number("free_thresh", number_or_text(entries["free_thresh"]), least=0.0, most=1.0)
+        number("occupied_thresh", number_or_text(entries["occupied_thresh"]), least=free, most=1.0)
+        resolution = number("resolution", number_or_text(entries["resolution"]), above=0.0)
         if not isinstance(origin, list) or len(origin) != 3:
             raise ValueError(f"origin must be three numbers, got {reprlib.repr(origin)}")
-        origin = [number(f"origin[{i}]", spelled(one)) for i, one in enumerate(origin)]
+        origin = [number(f"origin[{i}]", number_or_text(one)) for i, one in enumerate(origin)]
         if not isinstance(image, str):
             raise ValueError(f"image must be the name of a file, got {reprlib.repr(image)}")
     except RecursionError:
-        raise refused(path, what, "it is nested too deeply") from None
+        raise file_error(path, what, "it is nested too deeply") from None
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise refused(path, what, error) from error
+        raise file_error(path, what, error) from error
     grey, opaque = read_image(path.parent / image)
     darkness = (grey if words[negate.lower()] else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
@@ -190,7 +192,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     return blocked, resolution, origin
 
 
-def _little_nested(loader: Any) -> Any:
+def _loader_of_little_nesting(loader: Any) -> Any:
     """A loader of PyYAML, as `loader`, that raises RecursionError past `MOST_NESTED` brackets within one another.
 
     PyYAML looks 1,024 characters ahead for a key, and at each at all brackets that are open: a second for brackets.
@@ -205,7 +207,7 @@ def _little_nested(loader: Any) -> Any:
     return LittleNested
 
 
-def spelled(text: Any) -> Any:
+def number_or_text(text: Any) -> Any:
     """float(text) where a text spells a number; else what was given, unchanged."""
     try:
         return float(text)
@@ -225,8 +227,8 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
         raise ImportError(f"reading the picture of a map needs Pillow; {MISSING}") from error
     bombs = Image.DecompressionBombError, Image.DecompressionBombWarning
     try:
-        data = contents(path, MOST_PICTURE)
-        data = netpbm(data) if data[:1] == b"P" else few_chunks(data)
+        data = bytes_of_file(path, MOST_PICTURE)
+        data = netpbm(data) if data[:1] == b"P" else checked_chunks(data)
         with (
             warnings.catch_warnings(action="error", category=bombs[1]),
             Image.open(io.BytesIO(data), formats=FORMATS) as image,
@@ -239,7 +241,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
                 return grey / 257.0, grey != image.info.get("transparency", -1)
             pixels = np.asarray(image.convert("RGBA"))
     except (OSError, ValueError, SyntaxError, *bombs) as error:
-        raise refused(path, "a picture of a map, such as a PGM or PNG file", error) from error
+        raise file_error(path, "a picture of a map, such as a PGM or PNG file", error) from error
     return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255
 
 
@@ -273,7 +275,7 @@ def netpbm(data: bytes) -> bytes:
     return b"%s %s\n" % (data[:2], b" ".join(b"%d" % one for one in numbers)) + pixels
 
 
-def few_chunks(data: bytes) -> bytes:
+def checked_chunks(data: bytes) -> bytes:
     """The bytes of a file, unchanged; ValueError for a PNG that may have been made to take long to read.
 
     That is a PNG with more than `MOST_CHUNKS` chunks that hold no pixels, or less than `SHORT_CHUNK` bytes of them.
@@ -288,7 +290,7 @@ def few_chunks(data: bytes) -> bytes:
     return data
 
 
-def contents(path: Path, most: int) -> bytes:
+def bytes_of_file(path: Path, most: int) -> bytes:
     """The bytes of a file, at most `most`; ValueError where it has more, or is no plain file.
 
     OSError where it cannot be read. A device or a pipe is not read, as it might not end.
@@ -314,9 +316,9 @@ def require_memory_for_map(width: int, height: int) -> None:
             f"{width:,} x {height:,} pixels are too many: the table of their distances takes {size:,} bytes, and the "
             f"tables of a problem at most {MOST_TABLES:,} together; scale the map down, or cut off what is not needed"
         )
-    require(BYTES_A_PIXEL * width * height, f"a map of {width:,} x {height:,} pixels", "scale it down")
+    require_memory(BYTES_A_PIXEL * width * height, f"a map of {width:,} x {height:,} pixels", "scale it down")
 
 
-def refused(path: Path, what: str, why: Exception | str) -> ValueError:
+def file_error(path: Path, what: str, why: Exception | str) -> ValueError:
     """Make, not raise, a ValueError that says in one line that the file is not `what` it should be, and `why`."""
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))

@@ -76,7 +76,7 @@ def _lines(path: Path) -> list[str]:
         return []
 
 
-def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
+def require_memory(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
     """Raise MemoryError if `what` needs more bytes (`needed`) than are `available`.
 
     The message says how much is needed and left, and ends with the remedy. Up to `SPARE` bytes nothing is checked. No

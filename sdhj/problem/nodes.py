@@ -21,13 +21,13 @@ def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: s
     """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, sampled piece by piece.
 
     ValueError, with the set's `name`, where a value is not finite, or out of the range of single precision
-    (`supported`).
+    (`checked_values_at`).
     """
-    values = [supported(function, piece.points(), name) for piece in grid.pieces()]
+    values = [checked_values_at(function, piece.points(), name) for piece in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
-def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
+def checked_values_at(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
     """The values (M,) of a level-set function at points (M, ndim), after a check that single precision can hold them.
 
     ValueError, with the set's `name`, where a value is not finite, above `LARGEST` in magnitude, or below `SMALLEST`
@@ -62,7 +62,7 @@ def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
     return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
-def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
+def neighbour(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
     """For each node (or cell) the value at the one that is `by` further along an axis: a new array.
 
     by : how many nodes, not 0, negative for the other direction; on a bounded axis fewer than it has. On a periodic

@@ -79,7 +79,7 @@ def convex_parts(shape: Any) -> list[FloatArray]:
     return [corners_of(one) for one in done]
 
 
-def around(shape: Any) -> Any:
+def box_without(shape: Any) -> Any:
     """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as one geometry of Shapely.
 
     It consists of any number of polygons, of none for a polygon that is its own bounding box.

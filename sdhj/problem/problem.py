@@ -141,7 +141,9 @@ class ReachAvoidProblem(Sampled):
             )
         for part in parts:
             compare_set(self, part)
-        for j, step in product(range(len(self.inputs)), range((self.steps or 0) + 1) if self.dynamics.timed else [0]):
+        for j, step in product(
+            range(len(self.inputs)), range((self.steps or 0) + 1) if self.dynamics.depends_on_time else [0]
+        ):
             self.dynamics.bounds_at(j, self.time(step))
         for part in self.unsafe:
             corner = np.array([[self.grid.lower[axis] for axis in part.axes]])

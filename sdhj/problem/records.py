@@ -176,7 +176,7 @@ def bounds_from_records(
         )
     if problem.dynamics.gain is None:
         raise ValueError("v must enter the velocity linearly: give drift and gain")
-    ndim, D = problem.grid.ndim, problem.dynamics.adversaries
+    ndim, D = problem.grid.ndim, problem.dynamics.disturbance_dim
     tables = [_record(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
     if len(tables) < 2:
         raise ValueError(f"two records or more are needed, got {len(tables)}")
@@ -301,12 +301,12 @@ def _pushes(
     w(dt)) / dt, with w at the longest dt. A distance of less than `INTEGRATED` of an axis counts as 0. ValueError for
     an input that the problem does not have.
     """
-    ndim, D = problem.grid.ndim, problem.dynamics.adversaries
+    ndim, D = problem.grid.ndim, problem.dynamics.disturbance_dim
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
     times, states, spans = before[:, 0], before[:, 1 : 1 + ndim], after[:, :1] - before[:, :1]
     inputs, count = _indices(problem, before[:, 1 + ndim :]), len(before)
     v, left, gain = np.zeros((count, D)), np.empty((count, ndim)), np.empty((count, ndim, D))
-    timed = problem.dynamics.timed  # then each sample has a time of its own
+    timed = problem.dynamics.depends_on_time  # then each sample has a time of its own
     for rows in np.arange(count)[:, None] if timed else [np.arange(count)]:
         t = float(times[rows[0]]) if timed else 0.0
         interval = problem.interval(min(max(round(t / problem.delta), 0), problem.steps - 1) if timed else 0)

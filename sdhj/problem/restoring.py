@@ -107,7 +107,7 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
     cannot be read.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
-    pairs["sensing"] = head["sensing"].told, problem.sensing.told
+    pairs["sensing"] = head["sensing"].entry_in_head, problem.sensing.entry_in_head
     pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}
     pairs |= {"name": (head["problem"], problem.name), "sets": (head["sets"], problem.numbers["sets"])}
     if problem.dynamics.is_cut:

@@ -12,9 +12,9 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.checks import number, points_array
-from sdhj.problem.grid import SMALL, Grid, Rimmed, Window
+from sdhj.problem.grid import SMALL, Grid, PaddedGrid, Window
 from sdhj.problem.interval import Interval
-from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of, supported, with_nodes_around
+from sdhj.problem.nodes import HAIR, checked_values_at, closed, least_in_cells, sampled_on, size_of, with_nodes_around
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 from sdhj.problem.statement import Statement
 
@@ -42,7 +42,7 @@ class Sampled(Statement):
             return self
         past, nodes = padding.T * grid.spacing, (padding.sum(axis=1) + grid.shape).tolist()
         ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
-        wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
+        wide = PaddedGrid(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
             """The unsafe set whose level-set function, and `swept` if it has one, do not change past safe ends."""
@@ -82,9 +82,11 @@ class Sampled(Statement):
         Made `nodes.closed`, and according to the set's `sampling`. A set that does not move is sampled once; t is then
         ignored. ValueError where a value is not finite or out of the range of single precision.
         """
-        return self._once(unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
+        return self._kept_samples(
+            unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t))
+        )
 
-    def _once(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
+    def _kept_samples(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
         """The samples of a set, read-only, from sample(), which for a set that does not move is called once.
 
         part : the set. sample : a function without arguments, called each time if the set moves. Samples of a formula
@@ -132,7 +134,7 @@ class Sampled(Statement):
         grid, size = self.grid.subgrid(unsafe_set.axes), size_of(self.grid.subgrid(unsafe_set.axes), function)
         if unsafe_set.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
-            values = least_in_cells(whole, lambda points: supported(function, points, unsafe_set.name))
+            values = least_in_cells(whole, lambda points: checked_values_at(function, points, unsafe_set.name))
             values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
         else:
             values = sampled_on(grid, function, unsafe_set.name)
@@ -196,7 +198,7 @@ class Sampled(Statement):
             return self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
 
         large = grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
-        return grid.lift(sample() if large else self._once(target, sample), target.axes)
+        return grid.lift(sample() if large else self._kept_samples(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).
@@ -288,7 +290,7 @@ class Sampled(Statement):
                 np.minimum(out[:, begin:end], value, out=out[:, begin:end], where=counts.reshape(-1, 1))
         return out
 
-    def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
+    def surely_in_no_tube(self, points: FloatArray, step: int, within: int) -> FloatArray:
         """Whether states (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
 
         A state is in none if it is in G at the step's time, where those sets count that are unsafe under all inputs; or
@@ -322,7 +324,7 @@ class OnWindow(Sampled):
         where velocities depend on the state alone, and those of the window where they depend on time or not on the
         state.
         """
-        if self.dynamics.timed or self.dynamics.stateless:
+        if self.dynamics.depends_on_time or self.dynamics.stateless:
             return super().interval(step)
         if 0 not in self._intervals:
             self._intervals[0] = self.whole.interval(0).on(self.grid)

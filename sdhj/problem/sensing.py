@@ -123,7 +123,7 @@ class Sensing:
         return self.memory and bool(self)
 
     @property
-    def told(self) -> dict[str, Any]:
+    def entry_in_head(self) -> dict[str, Any]:
         """The fields by name, for the head of a file: `memory` only where it is True, and {} for a robot that measures
         exactly.
         """

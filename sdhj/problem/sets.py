@@ -374,7 +374,7 @@ class UnsafeSet:
     @property
     def moving(self) -> bool:
         """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
-        return bool(self.level_set.timed)
+        return bool(self.level_set.depends_on_time)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
         """Whether the set is unsafe under each of these inputs: bool, of the shape of `inputs`.
@@ -469,7 +469,7 @@ class TargetSet:
     @property
     def moving(self) -> bool:
         """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
-        return bool(self.level_set.timed)
+        return bool(self.level_set.depends_on_time)
 
     @classmethod
     def from_table(cls, table: Solved, within: int | None = None) -> "TargetSet":

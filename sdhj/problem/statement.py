@@ -146,7 +146,7 @@ class Statement(Remembering):
         One object for all steps if the dynamics do not depend on time; then `step` is ignored. Its boxes are widened by
         half_widths[1]. step : k >= 0, also beyond N. ValueError where `half_widths` raises it.
         """
-        step = step if self.dynamics.timed else 0
+        step = step if self.dynamics.depends_on_time else 0
         if step not in self._intervals:
             lasts = self.sensing.hold(self.delta)
             self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
@@ -156,7 +156,7 @@ class Statement(Remembering):
         """Whether the avoid tubes of an unsafe set differ from step to step: the set moves, or the dynamics depend on
         time.
         """
-        return unsafe_set.moving or self.dynamics.timed
+        return unsafe_set.moving or self.dynamics.depends_on_time
 
     def avoid_axes(self, unsafe_set: UnsafeSet) -> tuple[int, ...]:
         """The axes on which the avoid game of an unsafe set is solved, ascending.
@@ -170,7 +170,9 @@ class Statement(Remembering):
     @cached_property
     def time_invariant(self) -> bool:
         """Whether nothing depends on time: neither the dynamics nor the target nor an unsafe set; made once."""
-        return not (self.dynamics.timed or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe))
+        return not (
+            self.dynamics.depends_on_time or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe)
+        )
 
     @property
     def opaque(self) -> dict[str, str]:
@@ -231,6 +233,6 @@ class Statement(Remembering):
             "view_time": self.view_time,
             "grid": {name: getattr(self.grid, name) for name in LAYOUT},
             "inputs": self.inputs.tolist(),
-            "sensing": self.sensing.told,
+            "sensing": self.sensing.entry_in_head,
             "sets": target + sets,
         }

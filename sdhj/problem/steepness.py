@@ -38,7 +38,7 @@ def lipschitz_bounds(
     # Differences between nodes would take a jump J for a slope J / h, and so let velocities at both sides of it, w < h
     # apart, differ by J w / h only. With `jumps` the bound is never too low; where it is too high, nothing is left of
     # the target, and a solve says so.
-    ndim, D = grid.ndim, dynamics.adversaries
+    ndim, D = grid.ndim, dynamics.disturbance_dim
     low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])
     slope, push, jumps = np.zeros((ndim, ndim)), np.zeros(ndim), np.zeros(ndim)
     pushed = [leaf("x", ndim + 1 + d) for d in range(D)]
@@ -71,7 +71,7 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
 
     Drift and gain that are black boxes count as 0.
     """
-    ndim, D, out = dynamics.ndim, dynamics.adversaries, []
+    ndim, D, out = dynamics.ndim, dynamics.disturbance_dim, []
     for j in range(len(dynamics.inputs)):
         known = {leaf("p", 0): leaf("x", ndim)}
         bounds = rebuilt(dynamics.each["bounds"][j].outputs, known.get)
@@ -175,9 +175,9 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
     if lacking := [name for name, part in opaque.items() if part.slope is None]:
         raise ValueError(f"{lacking[0]} is a BlackBox without a slope, which a Sensing needs")
     cuts = np.linspace(0.0, end, max(1, round(end / delta)) + 1).tolist()
-    times = list(pairwise(cuts)) if dynamics.timed else [(0.0, 0.0)]
+    times = list(pairwise(cuts)) if dynamics.depends_on_time else [(0.0, 0.0)]
     for j, time in product(range(len(dynamics.inputs)), times if opaque else []):
-        most = dynamics.disturbance(j, low[None], high[None], time)[1]
+        most = dynamics.disturbance_bounds(j, low[None], high[None], time)[1]
         shares = {"drift": 1.0, "gain": most.sum()}
         steepness = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
         slope = np.maximum(slope, steepness)

@@ -70,7 +70,7 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
     for unit, turn in TURNS.items():
         if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, axis, turn):
             continue
-        if grid.unsaid and not grid.periodic[axis]:
+        if grid.ends_not_given and not grid.periodic[axis]:
             yield Finding(
                 f"the axis {name} is a whole turn, after which the functions of the problem repeat, but it has ends, "
                 "beyond which the robot has failed: ",
@@ -138,7 +138,7 @@ def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[Floa
         yield from _velocities(problem)
     for part in problem.all_sets:
         if axis in part.axes:
-            yield partial(_level, problem, part)
+            yield partial(_level_set_values, problem, part)
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
@@ -152,7 +152,7 @@ def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], F
         yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
 
 
-def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
+def _level_set_values(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
     """Level-set values (M,) of a set at states (M, ndim) at the time of step 0.
 
     The states are not wrapped into the grid.

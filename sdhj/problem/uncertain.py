@@ -9,7 +9,7 @@ from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.statement import Statement
 
 
-def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
+def eroded_by_error(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
     """Shrink a set by the box E: level-set function of the points x for which all of x +- E is in the set and past no
     unsafe end.
 
@@ -31,25 +31,25 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
     return out
 
 
-def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
+def must_lead_into(problem: Statement, values: FloatArray) -> FloatArray:
     """Level-set function, (*shape), of the states to which an interval must lead so that the controller's point is in a
     set.
 
     values (*shape) : of that set. Without memory the controller's point is a prediction, which is within E of the
-    state, so the result is `shrunk`. With memory it is the point c that it carries from step to step (*Memory* in
-    `sdhj.problem.sensing`), and the result is the maximum of `values` over x +- problem.half_widths[1], by linear
+    state, so the result is `eroded_by_error`. With memory it is the point c that it carries from step to step (*Memory*
+    in `sdhj.problem.sensing`), and the result is the maximum of `values` over x +- problem.half_widths[1], by linear
     interpolation; `values` itself where that is 0.
     """
     grown = problem.half_widths[1]
     if not problem.sensing.remembers:
-        return shrunk(problem, values)
+        return eroded_by_error(problem, values)
     if not grown.any():
         return values
     ((_, out),) = maximum_over_boxes(problem.grid, values, -grown[None], grown[None], "linear")
     return out
 
 
-def worst_around(problem: Statement, values: FloatArray, points: FloatArray) -> FloatArray:
+def largest_in_error_box(problem: Statement, values: FloatArray, points: FloatArray) -> FloatArray:
     """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
 
     values (*shape) : of the function. E is problem.half_widths[0]; the box is clipped at walls. On each axis the

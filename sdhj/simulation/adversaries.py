@@ -130,7 +130,7 @@ def first_moment(
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.has_no_target else np.maximum(to_go, 1) - 1
     times = now, problem.delta, problem.delta / SUBSTEPS  # now, until the end of the interval, and of a substep
-    previous, tube = np.zeros((len(states), problem.dynamics.adversaries)), partial(table.values_at, step=step + 1)
+    previous, tube = np.zeros((len(states), problem.dynamics.disturbance_dim)), partial(table.values_at, step=step + 1)
     return Moment(problem, states, inputs, to_go, step, 0, *times, previous, runs, partial(tube, within=left), rng)
 
 
@@ -247,7 +247,7 @@ def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> Float
     """
     count, inputs, interval = len(states), len(problem.inputs), problem.interval(step)
     held, ahead = np.repeat(np.arange(inputs), count), np.tile(states, (inputs, 1))
-    still, least = np.zeros((len(held), problem.dynamics.adversaries)), np.full(len(held), np.inf)
+    still, least = np.zeros((len(held), problem.dynamics.disturbance_dim)), np.full(len(held), np.inf)
     for half in range(2 * RECKLESS):
         t = problem.time(step) + half * problem.delta / 2
         ahead = interval.advance(ahead, held, still, t, problem.delta / 2)
@@ -307,7 +307,9 @@ class Sight:
     rng: np.random.Generator
 
 
-def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
+def states_under_vertices(
+    seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray
+) -> FloatArray:
     """Where states (M, ndim) are after time spans (M,), s, at each vertex of the disturbance box: (2^D, M, ndim).
 
     To first order: with the velocities at the states and at time t, s.
@@ -332,7 +334,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
     for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
         errors = np.tile(vertex, (count, 1))
         inputs, to_go = sight.ask(errors)
-        ends = pushed(sight, sight.starting, np.maximum(inputs, 0), t, span)
+        ends = states_under_vertices(sight, sight.starting, np.maximum(inputs, 0), t, span)
         score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
         score = np.where(inputs < 0, LOST, score)
         best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
@@ -347,7 +349,7 @@ def shift_worst(moment: Moment) -> FloatArray:
     scores = []
     for late in (-1, 0, 1):
         span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)
-        ends = pushed(moment, moment.states, moment.inputs, moment.time, span)
+        ends = states_under_vertices(moment, moment.states, moment.inputs, moment.time, span)
         scores.append(moment.tube(np.moveaxis(ends, 0, 1)).max(axis=1))
     return np.argmax(scores, axis=0) - 1
 

@@ -108,7 +108,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
         sensing = problem.sensing
         given = self.controller, state[None], self.play, self.np_random, sensing, None
-        self.runs = Runs(*given, ever=False, controlled=False)
+        self.runs = Runs(*given, first_tubes_only=False, controller_chooses=False)
         self.now, self.outcome = 0, ""
         return self._observed(), self._info()
 
@@ -125,8 +125,8 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         runs, now, end, last = self.runs, self.now, self.now + 1, self.now + 1 == self.table.steps
         known, rows = runs.predictions, np.array([0])
         applied = int(self.controller.filter(known[0], now, int(action)).inputs if self.shield else action)
-        runs.apply(now, rows, np.array([applied]), self.table.batch(known, now).steps_to_go)
-        runs.under_way(end, last)
+        runs.simulate_inputs(now, rows, np.array([applied]), self.table.batch(known, now).steps_to_go)
+        runs.end_reached(end, last)
         self.now = end
         self.outcome = OUTCOMES[runs.outcomes[0]] if runs.outcomes[0] != UNDECIDED else "late" if last else ""
         finished, late = self.outcome != "", self.outcome == "late"

@@ -7,11 +7,12 @@ the same way.
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import real_array, sealed
+from sdhj.problem.checks import read_only_view, real_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.simulation.adversaries import SUBSTEPS, Adversary, Moment
@@ -30,7 +31,7 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 
 
 def play_interval(
-    begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
+    first: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Simulate M runs over some substeps of an interval.
 
@@ -42,39 +43,41 @@ def play_interval(
     Collisions are looked for after each substep, of sets that something may pass through in a substep also on the way
     (`_least_between`); at the start of an interval only of sets that are unsafe under some inputs alone.
 
-    begun : the moment before the first of `substeps`; the adversary is given read-only arrays.
+    first : the moment before the first of `substeps`; the adversary is given read-only arrays.
     play : the adversary.
     watch : called after each substep, if it is given: see `Watch`.
     substeps : the numbers of the substeps, a range.
 
     ValueError where the adversary exceeds its bounds.
     """
-    problem, inputs = begun.problem, begun.inputs
-    begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
-    states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
+    problem, inputs = first.problem, first.inputs
+    # adversaries only read
+    first = replace(first, **{name: read_only_view(value) for name, value in vars(first).items()})
+    states, v, ended = first.states, first.previous, np.full(len(first.states), UNDECIDED)
     lowest, place = np.full(len(states), np.inf), problem.grid
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
-        lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), begun.time, inputs)
-    fast = problem.remembered("fast sets", lambda: _fast_sets(begun))
-    ahead = near = [_near(begun, unsafe_set, states, begun.time, len(substeps)) for unsafe_set in fast]
+        lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), first.time, inputs)
+    fast = problem.remembered("fast sets", lambda: _fast_sets(first))
+    ahead = near = [_near(first, unsafe_set, states, first.time, len(substeps)) for unsafe_set in fast]
     for substep in substeps:
-        gone = (substep - substeps.start) * begun.duration
-        now, left = begun.time + gone, begun.remaining - gone
-        moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
+        gone = (substep - substeps.start) * first.duration
+        now, left = first.time + gone, first.remaining - gone
+        seen: Any = {"states": read_only_view(states), "previous": read_only_view(v)}
+        moment = replace(first, substep=substep, time=now, remaining=left, **seen)
         v = _checked(play(moment), moment.bounds)
-        before, states = place.clipped(states, "frees"), begun.interval.advance(states, inputs, v, now, begun.duration)
+        before, states = place.clipped(states, "frees"), first.interval.advance(states, inputs, v, now, first.duration)
         met = place.clipped(states, "frees")  # nothing beyond a safe end is unsafe
-        clearance = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest)
+        clearance = np.minimum(problem.unsafe_value(met, now + first.duration, inputs), lowest)
         lowest = np.full(len(states), np.inf)
         if (substep - substeps.start) % LOOKED_AHEAD == 0:
             near = [
-                one & _near(begun, unsafe_set, before, now, LOOKED_AHEAD, one)
+                one & _near(first, unsafe_set, before, now, LOOKED_AHEAD, one)
                 for unsafe_set, one in zip(fast, ahead, strict=True)
             ]
         for unsafe_set, one in zip(fast, near, strict=True):
             some = np.flatnonzero(one & (clearance > 0) & (ended == UNDECIDED))
             if some.size:
-                way = before[some], met[some] - before[some], now, begun.duration
+                way = before[some], met[some] - before[some], now, first.duration
                 clearance[some] = np.minimum(clearance[some], _least_between(problem, unsafe_set, *way))
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & problem.grid.beyond(states, "fails")] = OFF
@@ -87,16 +90,16 @@ def play_interval(
     return states, ended, v
 
 
-def _fast_sets(begun: Moment) -> list[UnsafeSet]:
+def _fast_sets(first: Moment) -> list[UnsafeSet]:
     """The unsafe sets of a problem that may pass a state between two substeps, unseen at both.
 
     A set is in the list if its level-set function g changes in a substep by more than `FAST` of max -g, or if no state
     that is looked at is in it. These are `DRAWN` random states (of seed 0) at each of three steps; the change is that
     where each coordinate changes at its greatest speed, in a random direction.
 
-    begun : a moment of the runs, for the problem and the length of a substep.
+    first : a moment of the runs, for the problem and the length of a substep.
     """
-    problem, h, rng = begun.problem, begun.duration, np.random.default_rng(0)
+    problem, h, rng = first.problem, first.duration, np.random.default_rng(0)
     grid, found = problem.grid, list[UnsafeSet]()
     for unsafe_set in problem.unsafe:
         deepest = change = 0.0
@@ -112,22 +115,22 @@ def _fast_sets(begun: Moment) -> list[UnsafeSet]:
 
 
 def _near(
-    begun: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
+    first: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
     """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool, new.
 
     False, without a bound, where a black box declares too little for bounds.
 
-    begun : a moment of the runs, for the problem, the inputs and the length of a substep.
+    first : a moment of the runs, for the problem, the inputs and the length of a substep.
     states : (M, ndim), at time t, s.
     asked : (M,) bool, the runs that are looked at; others are False. By default those under whose inputs the set is
         unsafe.
     """
-    found = unsafe_set.counts(begun.inputs) if asked is None else asked.copy()
-    far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
-    start = begun.problem.grid.clipped(states[some], "frees") - far
-    times = t, t + begun.duration * substeps
-    found[some] = _may_meet(begun.problem, unsafe_set, start, np.broadcast_to(2 * far, start.shape), times)
+    found = unsafe_set.counts(first.inputs) if asked is None else asked.copy()
+    far, some = first.duration * substeps * first.interval.speeds, np.flatnonzero(found)
+    start = first.problem.grid.clipped(states[some], "frees") - far
+    times = t, t + first.duration * substeps
+    found[some] = _may_meet(first.problem, unsafe_set, start, np.broadcast_to(2 * far, start.shape), times)
     return found
 
 

@@ -14,10 +14,10 @@ from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
-from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
+from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, name_of, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
 from sdhj.solver.gaps import gaps
-from sdhj.solver.resolution import losing_to_error
+from sdhj.solver.resolution import costly_error_finding
 from sdhj.table.batches import Batch, Table
 from sdhj.table.controller import Controller
 
@@ -99,7 +99,7 @@ class Played:
 class Commanded(Controller):
     """A controller that applies what its filter makes of the inputs that a reckless commander wants (`wanted`).
 
-    It tests the filter of a table, step by step (`_judged_for_ever`).
+    It tests the filter of a table, step by step (`_check_safe_for_ever`).
     """
 
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
@@ -151,7 +151,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
-            places.setdefault(int(moment.runs[row]), _where(table, states[row], at, met, j))
+            places.setdefault(int(moment.runs[row]), _place_of_failure(table, states[row], at, met, j))
 
     starts = admissible_states(controller, runs, rng)
     outcomes, _ = rollouts(controller, starts, play, rng, watch, steps=play_length(controller, steps))
@@ -166,12 +166,14 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
     left_it = int(outside[lost].sum())
     advice = ""
     if ways:
-        hopeless = left_it > 0 and outside.sum() >= FEW_OUTSIDE and not _leads_in(problem, starts[outside])
+        hopeless = (
+            left_it > 0 and outside.sum() >= FEW_OUTSIDE and not _target_reachable_in_a_step(problem, starts[outside])
+        )
         advice = HOPELESS if hopeless else _advice(table, ways, runs)
-    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
+    return Played(runs, len(lost), name_of(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
 
 
-def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
+def _target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     """Whether from any of these states (M, ndim) at step 0 some input may lead into the target at step 1.
 
     The target must contain all corners of the box that the input and any v lead to; a promise needs that, and more.
@@ -186,7 +188,7 @@ def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     return bool((values.reshape(*ends.shape[:3]).max(axis=2) <= 0).any())
 
 
-def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
+def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
     """The name of the unsafe set that a run has met, or of the axis past whose unsafe end it has left.
 
     state : (ndim,), at time t, s.
@@ -202,7 +204,7 @@ def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 
-def _gaps(table: Table) -> str:
+def _advice_on_gaps(table: Table) -> str:
     """Advice where the grid may have filled gaps between pieces of the table's tubes (`sdhj.solver.gaps`); else ""."""
     return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
 
@@ -213,7 +215,7 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
     ways : how many of the `runs` were lost in each way, as `Played.ways`.
     """
     problem, grid, said = table.problem, table.grid, []
-    if sum(ways.values()) >= ALARMING * runs and (remedy := _gaps(table)):
+    if sum(ways.values()) >= ALARMING * runs and (remedy := _advice_on_gaps(table)):
         return f'{remedy}; or method="certified", which proves what it promises'
     blunt = [
         unsafe_set.name
@@ -235,7 +237,7 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
     return f"What helps: {'; or '.join(said)}"
 
 
-def judged_at_the_end(table: Table) -> dict[str, Any]:
+def check_by_runs(table: Table) -> dict[str, Any]:
     """Check a solved table on a grid by simulated runs, and warn of an empty tube or broken promises.
 
     Returns {"played": counts} for its details, a dict of plain values; {} for a tube with less than `NEARLY_EMPTY` of
@@ -251,8 +253,8 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if ever:
-        return _judged_for_ever(table, runs)
-    runs = MOST_PLAYED if (remedy := _gaps(table)) else runs
+        return _check_safe_for_ever(table, runs)
+    runs = MOST_PLAYED if (remedy := _advice_on_gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
@@ -267,7 +269,7 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
     return {"played": counts | {"ways": dict(found.ways)}}
 
 
-def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
+def _check_safe_for_ever(table: Table, runs: int) -> dict[str, Any]:
     """Check a table that stays clear for ever by `runs` simulated runs, against a greedy adversary.
 
     First the controller runs; then, in fewer runs each, the filter behind a commander who drives at what must not be
@@ -296,7 +298,7 @@ def _cause_of_empty_tube(table: Table, share: float) -> Finding:
     Causes are tried in this order, and the first that applies is named: with method "projected" the projections, if
     some input stays clear from more than `NEARLY_EMPTY` of the states; that no input stays clear for one interval;
     errors of a `Sensing` that cost more than inputs change; and else that no input makes progress. They are looked for
-    at `EMPTIED_STATES` random states (of seed 0), by the avoid tubes of step 0 and `_leads_in`.
+    at `EMPTIED_STATES` random states (of seed 0), by the avoid tubes of step 0 and `_target_reachable_in_a_step`.
     """
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
@@ -312,7 +314,7 @@ def _cause_of_empty_tube(table: Table, share: float) -> Finding:
         names = ", ".join(repr(unsafe_set.name) for unsafe_set in problem.unsafe) or "the unsafe ends of the grid"
         message += f": no input stays clear of {names} for one interval; "
         return Finding(message, share, "use a shorter delta or other inputs")
-    if eaten := losing_to_error(problem):  # no node brings that back
+    if eaten := costly_error_finding(problem):  # no node brings that back
         return Finding(f"{message}: {eaten.cause}", share, eaten.remedy)
     gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
     but = "hardly from any for all steps" if problem.has_no_target else gains
@@ -321,5 +323,9 @@ def _cause_of_empty_tube(table: Table, share: float) -> Finding:
     outside = (
         np.empty(0) if problem.has_no_target else states[clear & (problem.target_value(states, problem.time(0)) > 0)]
     )
-    nodes = "more nodes or " if problem.has_no_target or _leads_in(problem, outside) else "a smaller disturbance or "
+    nodes = (
+        "more nodes or "
+        if problem.has_no_target or _target_reachable_in_a_step(problem, outside)
+        else "a smaller disturbance or "
+    )
     return Finding(message, share, f"use {less}stronger inputs, {nodes}another delta")

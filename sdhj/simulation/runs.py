@@ -29,7 +29,7 @@ from tqdm import tqdm
 from sdhj.kernels import FloatArray, Sealed, read_only
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import finite_array, whole
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES
@@ -275,7 +275,7 @@ def simulate(
         states=np.array([start, *(state for _, state, _ in seen)]),
         inputs=inputs,
         steps_to_go=steps_to_go,
-        disturbances=np.array([v for _, _, v in seen]).reshape(-1, controller.problem.dynamics.adversaries),
+        disturbances=np.array([v for _, _, v in seen]).reshape(-1, controller.problem.dynamics.disturbance_dim),
         outcome=OUTCOMES[outcomes[0]],
     )
 
@@ -325,7 +325,7 @@ def monte_carlo(
     check_controller(controller)
     play, began, length = adversary_of(adversary), time.perf_counter(), play_length(controller, steps)
     runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
-    require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
+    require_memory(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # one stream for each chunk, whichever thread runs it
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
@@ -344,8 +344,8 @@ def monte_carlo(
     starts, outcomes, taken = map(np.concatenate, zip(*results, strict=True))
     return Report(
         runs=runs,
-        adversary=named(adversary),
-        rule=named(controller.rule),
+        adversary=name_of(adversary),
+        rule=name_of(controller.rule),
         method=controller.table.method,
         seed=seed,
         counts={outcome: int((outcomes == i).sum()) for i, outcome in enumerate(OUTCOMES)},
@@ -365,14 +365,14 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
         on time, or is no whole number from 1 on.
     """
     table = controller.table
-    if steps is None and table.details.get("endless") and not controller.timed:
+    if steps is None and table.details.get("endless") and not controller.depends_on_time:
         return FOREVER_PLAYED if table.problem.has_no_target else table.steps
-    if steps is not None and controller.timed:
+    if steps is not None and controller.depends_on_time:
         raise ValueError(f"steps must be left out: as time matters, runs follow the table's {table.steps} steps")
     return None if steps is None else whole("steps", steps, least=1)
 
 
-def named(option: object) -> str:
+def name_of(option: object) -> str:
     """The name of an option: a text itself, else its `name`, its `__name__`, or the name of its class."""
     if isinstance(option, str):
         return option
@@ -410,7 +410,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
-        inside = inside[~controller.problem.refuted(inside, 0, steps)]
+        inside = inside[~controller.problem.surely_in_no_tube(inside, 0, steps)]
         if controller.problem.sensing:  # admissible for every measurement of the state
             inside = inside[controller.table.contains(inside, start=0, within=steps)]
         found.append(inside)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import real_array, sealed
+from sdhj.problem.checks import read_only_view, real_array
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, Sight, first_moment
 from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, play_interval
@@ -27,10 +27,10 @@ from sdhj.table.controller import Controller
 class Runs:
     """The closed loop of M robots: their states, outcomes and predictions, an interval at a time.
 
-    It begins where their first inputs start, at step 0. Then `interval` is called for number 0, 1, ..., last: it ends
-    the runs that are over and simulates one interval of the others. Whoever chooses inputs otherwise (`ReachAvoidEnv`)
-    calls `apply` and then `under_way` in its place. A run is over when its outcome is not `UNDECIDED`; its entries then
-    stay as they are.
+    It begins where their first inputs start, at step 0. Then `simulate_interval` is called for number 0, 1, ..., last:
+    it ends the runs that are over and simulates one interval of the others. Whoever chooses inputs otherwise
+    (`ReachAvoidEnv`) calls `simulate_inputs` and then `end_reached` in its place. A run is over when its outcome is not
+    `UNDECIDED`; its entries then stay as they are.
 
     Attributes
     ----------
@@ -40,15 +40,15 @@ class Runs:
         What the controllers take the states to be then. Without a `Sensing` it is the array `states`.
     outcomes : (M,) int array
         Indices into `OUTCOMES`, or `UNDECIDED`. `LATE` is not set here.
-    taken : (M,) int array
+    intervals_played : (M,) int array
         How many intervals have been simulated.
-    held : (M,) int array
+    previous_inputs : (M,) int array
         The inputs of the last interval, by index; -1 before the first.
     offsets : (M,) int array
         -1, 0 or 1: the next interval begins early, on time or late, by the jitter.
     problem : ReachAvoidProblem
         The controller's, with the sensing that is simulated.
-    controller, play, rng, watch, ever, controlled
+    controller, play, rng, watch, first_tubes_only, controller_chooses
         As given.
     mislead, shift : callable
         The adversary's choices of errors and of times; those of "worst" if it has none.
@@ -64,8 +64,8 @@ class Runs:
         rng: np.random.Generator,
         sensing: Sensing,
         watch: Watch | None,
-        ever: bool,
-        controlled: bool = True,
+        first_tubes_only: bool,
+        controller_chooses: bool = True,
     ) -> None:
         """Runs from starts (M, ndim), which are copied, and measured at once if there is a `Sensing`.
 
@@ -75,11 +75,11 @@ class Runs:
         rng : all random numbers are drawn from it.
         sensing : what is simulated, which may be other than what the table was solved for.
         watch : called after each substep, if it is given: see `Watch`.
-        ever : whether every step uses the tubes of step 0, as nothing depends on time.
-        controlled : whether the controller chooses all inputs, for the fewest steps to go; else adversaries play
-            against the tubes of all steps that are left.
+        first_tubes_only : whether every step uses the tubes of step 0, as nothing depends on time.
+        controller_chooses : whether the controller chooses all inputs, for the fewest steps to go; else adversaries
+            play against the tubes of all steps that are left.
         """
-        self.controlled, self.ever = controlled, ever
+        self.controller_chooses, self.first_tubes_only = controller_chooses, first_tubes_only
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
         self.shift = getattr(play, "shift", ADVERSARIES["worst"].shift)
@@ -88,14 +88,16 @@ class Runs:
         self.remembers = controller.problem.sensing.remembers
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
         self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
-        self.outcomes, self.taken = np.full(count, UNDECIDED), np.zeros(count, np.int64)
-        self.held = np.full(count, -1)  # the inputs before
+        self.outcomes, self.intervals_played = np.full(count, UNDECIDED), np.zeros(count, np.int64)
+        self.previous_inputs = np.full(count, -1)  # the inputs before
         self.predictions = self.states  # the same array: nothing is measured without sensing
         if sensing:
             self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (play is not ADVERSARIES["none"])
-            self.predictions = self.measured(0, starts, self.taken, self.problem.half_widths[0])
+            self.predictions = self.predict_from_measurements(
+                0, starts, self.intervals_played, self.problem.half_widths[0]
+            )
 
-    def measured(
+    def predict_from_measurements(
         self,
         step: int,
         states: FloatArray,
@@ -140,14 +142,14 @@ class Runs:
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
 
         starting = states if begun else predicted(problem, states, before, step)
-        seen, at = (sealed(states), sealed(errors)), min(step, table.steps - 1)  # adversaries only read
-        errors_made = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
+        seen, at = (read_only_view(states), read_only_view(errors)), min(step, table.steps - 1)  # adversaries only read
+        errors_made = self.mislead(Sight(problem, *seen, at, read_only_view(starting), ask, tube, self.rng))
         off = real_array("the errors that the adversary returns", errors_made, states.shape)
         if not (np.abs(off) <= errors * (1 + 1e-12)).all():
             raise ValueError(f"the adversary must return measurement errors within +-{errors.tolist()}")
         return predict(off)
 
-    def begins(self, number: int, offset: int) -> float:
+    def begin_time(self, number: int, offset: int) -> float:
         """When the interval of that number begins, s: t_number + offset * jitter; offset : -1, 0 or 1."""
         return self.problem.time(number) + offset * self.problem.sensing.jitter
 
@@ -162,18 +164,22 @@ class Runs:
         inputs, to_go : (R,) int, the inputs that the runs hold, by index, and the steps to go by which these were
             chosen.
         """
-        step, table = 0 if self.ever else number, self.controller.table
-        every = self.controller.all_left or not self.controlled
+        step, table = 0 if self.first_tubes_only else number, self.controller.table
+        every = self.controller.all_left or not self.controller_chooses
         left: FloatArray | None = np.full(len(rows), table.steps - step - 1) if every else None
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
-    def under_way(self, number: int, last: bool) -> FloatArray:
+    def end_reached(self, number: int, last: bool) -> FloatArray:
         """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns the others, (R,) int.
 
         The true target counts; with a `Sensing` the predictions must have no steps to go, too. Without a target all
         runs that go on end so if this is the `last` sampling time, and none before.
         """
-        problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
+        problem, alive, step = (
+            self.problem,
+            np.flatnonzero(self.outcomes == UNDECIDED),
+            0 if self.first_tubes_only else number,
+        )
         reached = np.full(alive.size, problem.has_no_target and last)
         if alive.size and not problem.has_no_target:
             reached = problem.target_value(self.states[alive], problem.time(number)) <= 0
@@ -183,22 +189,22 @@ class Runs:
         self.outcomes[alive[reached]] = REACHED
         return alive[~reached]
 
-    def interval(self, number: int, last: bool) -> None:
+    def simulate_interval(self, number: int, last: bool) -> None:
         """End the runs that are over at sampling time `number`, and simulate the others for an interval.
 
-        Those that have reached the target end as `REACHED` (`under_way`), those for which the controller has no input
+        Those that have reached the target end as `REACHED` (`end_reached`), those for which the controller has no input
         as `LEFT`. last : whether no interval follows; then nothing is simulated, and runs of a problem without a target
         have succeeded.
         """
-        alive, step = self.under_way(number, last), 0 if self.ever else number
+        alive, step = self.end_reached(number, last), 0 if self.first_tubes_only else number
         if last or not alive.size:
             return
         batch = self.controller.batch(self.predictions[alive], step)
-        inputs = self.controller.choose(batch, self.held[alive])
+        inputs = self.controller.choose(batch, self.previous_inputs[alive])
         self.outcomes[alive[inputs < 0]] = LEFT
-        self.apply(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
+        self.simulate_inputs(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
 
-    def apply(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
+    def simulate_inputs(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
         """Simulate the runs `rows` (R,) for an interval from sampling time `number`, under these inputs (R,) int.
 
         to_go : (R,) int, the steps to go by which the inputs were chosen. With a `Sensing` the adversary first says
@@ -215,12 +221,12 @@ class Runs:
         groups = 3 * self.offsets[rows] + ends
         for group in np.unique(groups):
             some = groups == group
-            self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
+            self.simulate_group(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
 
-    def hold(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
+    def simulate_group(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
         """Simulate the runs `rows` for an interval that begins at one time for all of them, and ends at one time.
 
-        Updates states, outcomes, offsets, held and taken of these runs. With a `Sensing` the states are measured one
+        Updates states, outcomes, offsets, inputs and counts of these runs. With a `Sensing` the states are measured one
         delay before the end, and `predictions` are made of those runs that go on.
 
         number : of the interval, from 0 on.
@@ -228,10 +234,10 @@ class Runs:
         inputs, to_go : (R,) int, the inputs that they hold, by index, and the steps to go by which these were chosen.
         ends : -1, 0 or 1: the interval ends early, on time or late, by the jitter.
         """
-        sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
+        sensing, begin, after = self.problem.sensing, self.begin_time(number, self.offsets[rows[0]]), 0
         begun = self.first_moment(number, begin, rows, inputs, to_go)
         if sensing:
-            end, delay = self.begins(number + 1, ends), sensing.delay
+            end, delay = self.begin_time(number + 1, ends), sensing.delay
             length = end - begin
             after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
             begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
@@ -242,13 +248,18 @@ class Runs:
             later = replace(begun, states=states, previous=v, **rest)
             states, then, _ = play_interval(later, self.play, self.watch, range(SUBSTEPS - after, SUBSTEPS))
             ended = np.where(ended == UNDECIDED, then, ended)
-        self.states[rows], self.outcomes[rows], self.offsets[rows], self.held[rows] = states, ended, ends, inputs
-        self.taken[rows] += 1
+        self.states[rows], self.outcomes[rows], self.offsets[rows], self.previous_inputs[rows] = (
+            states,
+            ended,
+            ends,
+            inputs,
+        )
+        self.intervals_played[rows] += 1
         on = ended == UNDECIDED
         if sensing and on.any():
-            known = (self.predictions[rows[on]], 0 if self.ever else number) if self.remembers else None
-            step = 0 if self.ever else number + 1
-            self.predictions[rows[on]] = self.measured(step, seen[on], inputs[on], known=known)
+            known = (self.predictions[rows[on]], 0 if self.first_tubes_only else number) if self.remembers else None
+            step = 0 if self.first_tubes_only else number + 1
+            self.predictions[rows[on]] = self.predict_from_measurements(step, seen[on], inputs[on], known=known)
 
 
 def rollouts(
@@ -273,12 +284,12 @@ def rollouts(
     sensing : the errors, delay and jitter that are simulated; by default those that the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
-    runs = Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)
+    runs = Runs(controller, starts, play, rng, sensing, watch, first_tubes_only=steps is not None)
     for offset in np.unique(runs.offsets):
         some = np.flatnonzero(runs.offsets == offset)
-        runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0]] = COLLIDED
+        runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begin_time(0, offset)) <= 0]] = COLLIDED
     last = runs.problem.steps if steps is None else steps
     for number in range(last + 1):
-        runs.interval(number, number == last)
+        runs.simulate_interval(number, number == last)
     runs.outcomes[runs.outcomes == UNDECIDED] = LATE
-    return runs.outcomes, runs.taken
+    return runs.outcomes, runs.intervals_played

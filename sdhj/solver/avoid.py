@@ -12,7 +12,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.findings import Finding
-from sdhj.problem.grid import Grid, Rimmed
+from sdhj.problem.grid import Grid, PaddedGrid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
@@ -63,10 +63,12 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
         axes = problem.avoid_axes(unsafe_set)
         found.append(Danger(axes, problem.moves(unsafe_set), problem, unsafe_set, (slice(None),) * len(axes)))
     unsafe = np.isfinite(problem.grid.faces("fails")).any(axis=0)
-    return found + [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
+    return found + [_ends_as_danger(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
 
-def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
+def avoid_tubes_of(
+    games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None
+) -> FloatArray:
     """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), > 0 in danger.
 
     -inf for inputs under which the set is not unsafe.
@@ -85,7 +87,7 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
     return found
 
 
-def never_met(unsafe_set: UnsafeSet) -> Finding:
+def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
     """The finding that no node is in danger of an unsafe set under any input; the caller has found that none is."""
     return Finding(
         f"no node is ever in danger of the unsafe set {unsafe_set.name!r}, so the table ignores it. ",
@@ -95,7 +97,7 @@ def never_met(unsafe_set: UnsafeSet) -> Finding:
     )
 
 
-def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
+def _ends_as_danger(problem: ReachAvoidProblem, axis: int) -> Danger:
     """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) of a wide problem.
 
     The wide problem has the axes that the velocity along this axis depends on. Its grid goes past both ends by as many
@@ -106,7 +108,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     low, high = (float(face[axis]) for face in problem.grid.faces("fails"))
     name = f"the ends of axis {problem.grid.names[axis]}"
     axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
-    place, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
+    place, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.depends_on_time
     delta = problem.interval(0).delta
     speeds = np.max([problem.interval(step).speeds for step in range(problem.steps if timed else 1)], axis=0)
     more = int(np.ceil(checked_travel(problem.grid, speeds, delta)[axis])) + MARGIN
@@ -124,7 +126,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         ends,
     )
     wide = ReachAvoidProblem(
-        grid=Rimmed(longer, padding.tolist()) if padding.any() else longer,
+        grid=PaddedGrid(longer, padding.tolist()) if padding.any() else longer,
         dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
             axes, np.array(problem.grid.lower)
         ),

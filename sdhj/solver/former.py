@@ -122,33 +122,33 @@ class Patch:
         The problem's.
     changed : array of planes
         Where the tube (k + 1, n - 1), from which the games start, differs from the former one.
-    besides : array of planes
+    other_changes : array of planes
         Where the tube (k, n - 1) or an avoid tube differs in a way that matters to the entry.
     former : pair of arrays
         The former tube (*shape) and its marks (bytes, size).
-    was_still : (*shape) array, or None
+    former_frame_solution : (*shape) array, or None
         The former solution of the PDE in the moving frame, on the games' grid there; None if it was not kept.
     rows : array of planes
         Which planes of the entry are solved anew; set by the games.
-    still : (*shape) array, or None
-        The solution of the PDE in the moving frame now; set by `solve_still`.
+    frame_solution : (*shape) array, or None
+        The solution of the PDE in the moving frame now; set by `solve_in_frame`.
     """
 
     grid: Grid
     changed: FloatArray
-    besides: FloatArray
+    other_changes: FloatArray
     former: tuple[FloatArray, FloatArray]
-    was_still: FloatArray | None
+    former_frame_solution: FloatArray | None
     rows: FloatArray = field(init=False)
-    still: FloatArray | None = field(default=None, init=False)
+    frame_solution: FloatArray | None = field(default=None, init=False)
 
-    def solve_still(
+    def solve_in_frame(
         self, solve: Callable[[Any], FloatArray], grid: Grid, past: Sequence[int], reads: tuple[int, int], cells: Any
     ) -> FloatArray:
         """The solution (*grid.shape) of the PDE in the moving frame: new where it may differ, else the former one.
 
-        Sets `still` to the solution, and `rows` to the planes of the entry that may differ. Where nothing can differ,
-        the former array itself is returned.
+        Sets `frame_solution` to the solution, and `rows` to the planes of the entry that may differ. Where nothing can
+        differ, the former array itself is returned.
 
         solve : solve(planes) returns the solution (*grid.shape), a new array that needs to be right only in these
             planes of `grid`; solve(None) returns all of it. It is called once at most.
@@ -160,18 +160,18 @@ class Patch:
         lead = self.changed.ndim
         around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
         planes = within_stages(grid, around, *reads) | within_boxes(grid, around, cells[0])
-        was = self.was_still
+        was = self.former_frame_solution
         if was is None or planes.all():
-            still = solve(None)
+            solution = solve(None)
         else:
-            still = solve(planes) if planes.any() else was
-            if still is not was:
+            solution = solve(planes) if planes.any() else was
+            if solution is not was:
                 rest, shape = np.flatnonzero(~planes), (planes.size, -1)
-                still.reshape(shape)[rest] = was.reshape(shape)[rest]
-        self.still, moved = still, planes if was is None else differing(still, was)
+                solution.reshape(shape)[rest] = was.reshape(shape)[rest]
+        self.frame_solution, moved = solution, planes if was is None else differing(solution, was)
         inner = tuple(slice(n, n + m) for n, m in zip(past, self.changed.shape, strict=False))
-        self.rows = self.besides | within_boxes(grid, moved, cells[1])[inner]
-        return still
+        self.rows = self.other_changes | within_boxes(grid, moved, cells[1])[inner]
+        return solution
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
         """Copy the planes that are not marked in `rows` from the former entry, tube and marks, in place.
@@ -192,7 +192,8 @@ class Former:
     """An earlier table, as the solve of a similar problem looks at it; nothing is copied that could differ.
 
     `avoid_tubes` and `tube` give avoid tubes, `patch` says what is left to solve of an entry, in the order of
-    `recursion`. What this solve hands to the next one is collected in `each` and `still` on the way.
+    `recursion`. What this solve hands to the next one is collected in `avoid_tubes_by_danger` and `frame_solutions` on
+    the way.
 
     Parameters
     ----------
@@ -214,19 +215,19 @@ class Former:
         copied.
     same_target : bool
         Whether the targets are equal, or both problems have none.
-    has_rows : bool
+    entries_may_be_copied : bool
         Whether entries of the recursion may be copied: the problems are alike, both have a target or neither has, and
         the table is not one that stays clear for ever.
     keys : list of (bool, key)
         For each danger of the table's problem whether it moves, and its `key`.
-    each : dict
+    avoid_tubes_by_danger : dict
         By the key of a danger, its avoid tubes (L, *subgrid) of steps 0, 1, ...: for the next solve.
-    still : dict
+    frame_solutions : dict
         By (step, within), the PDE's solution in the moving frame: for the next solve.
     """
 
     def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
-        """Compare the two problems and set `alike`, `same_target` and `has_rows`; nothing is copied yet."""
+        """Compare the problems, set `alike`, `same_target` and `entries_may_be_copied`; nothing is copied yet."""
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
@@ -234,14 +235,14 @@ class Former:
             problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
         )
         # the set that is safe for ever has no rows, and without a target they are made otherwise
-        self.has_rows = (
+        self.entries_may_be_copied = (
             self.alike
             and was.has_no_target == problem.has_no_target
             and not (was.has_no_target and table.details.get("endless"))
         )
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
-        self.each: dict[Meaning, list[FloatArray]] = {}
-        self.still: dict[tuple[int, int], FloatArray] = {}
+        self.avoid_tubes_by_danger: dict[Meaning, list[FloatArray]] = {}
+        self.frame_solutions: dict[tuple[int, int], FloatArray] = {}
         self._differing: dict[tuple[int, int, int], FloatArray] = {}
         self._avoid_bounds: dict[int, FloatArray] = {}
 
@@ -257,7 +258,7 @@ class Former:
 
         A view of the former table's array. None if the problems are not alike, if the dangers `now` are not the earlier
         ones in the same order, or if the former table has fewer steps. If the dangers are the same, what was kept of
-        each of them is also put into `each`.
+        each of them is also put into `avoid_tubes_by_danger`.
 
         now : the dangers of the problem now, all static or all moving ones.
         moves : whether they are the moving ones.
@@ -266,8 +267,8 @@ class Former:
         if not self.alike or [(moves, self.key(danger)) for danger in now] != [k for k in self.keys if k[0] == moves]:
             return None
         for key in map(self.key, now):
-            if key in self.kept.each:
-                self.each[key] = list(self.kept.each[key])
+            if key in self.kept.avoid_tubes_by_danger:
+                self.avoid_tubes_by_danger[key] = list(self.kept.avoid_tubes_by_danger[key])
         avoid = self.table.avoid
         found: FloatArray = avoid.moving if moves else avoid.static[None]
         return found[:often] if len(found) >= often else None
@@ -277,12 +278,12 @@ class Former:
 
         None if the problems are not alike, or if the tubes of each danger were not kept.
         """
-        found = self.kept.each.get(self.key(danger), ()) if self.alike else ()
+        found = self.kept.avoid_tubes_by_danger.get(self.key(danger), ()) if self.alike else ()
         return found[step] if step < len(found) else None
 
     def keep(self, danger: Any, tube: FloatArray) -> None:
-        """Append one danger's avoid tubes (L, *subgrid) to `each`, for the next solve; steps have to come in order."""
-        self.each.setdefault(self.key(danger), []).append(tube)
+        """Append a danger's avoid tubes (L, *subgrid) to `avoid_tubes_by_danger`; steps have to come in order."""
+        self.avoid_tubes_by_danger.setdefault(self.key(danger), []).append(tube)
 
     # ---- rows of the recursion
 
@@ -290,28 +291,28 @@ class Former:
         """What of the entry (step, within) of `table` has to be solved anew, or None for all of it.
 
         The entries (step, within - 1) and (step + 1, within - 1) and the avoid tubes of `table`, which is being filled
-        in, must be there. None if the former table has no such entry, or if no entries may be copied (`has_rows`).
-        Where the former entry shares the tube of one with fewer steps to go, it is compared with what that one was made
-        from.
+        in, must be there. None if the former table has no such entry, or if no entries may be copied
+        (`entries_may_be_copied`). Where the former entry shares the tube of one with fewer steps to go, it is compared
+        with what that one was made from.
         """
         was = self.table
-        if not self.has_rows or step + within > was.steps:
+        if not self.entries_may_be_copied or step + within > was.steps:
             return None
         made = within
         while made > 1 and was.tube_index(step, made - 1) == was.tube_index(step, within):
             made -= 1
         former = was.value_array(step, made), was.mark_array(step, made)
-        besides = self._differs(table, (step, within - 1), made - 1) | self._avoid_differs(table, step, former[0])
+        other_changes = self._differs(table, (step, within - 1), made - 1) | self._avoid_differs(table, step, former[0])
         changed = self._differs(table, (step + 1, within - 1), made - 1)
-        return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
+        return Patch(self.problem.grid, changed, other_changes, former, self.kept.frame_solutions.get((step, made)))
 
-    def keep_still(self, patch: Patch, step: int, within: int) -> None:
-        """Put the solution of the PDE in the moving frame for the entry (step, within) into `still`.
+    def keep_frame_solution(self, patch: Patch, step: int, within: int) -> None:
+        """Put the solution of the PDE in the moving frame for the entry (step, within) into `frame_solutions`.
 
-        Nothing is done if the games did not set `patch.still`.
+        Nothing is done if the games did not set `patch.frame_solution`.
         """
-        if patch.still is not None:
-            self.still[step, within] = patch.still
+        if patch.frame_solution is not None:
+            self.frame_solutions[step, within] = patch.frame_solution
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
         """In which planes the tube of an entry (k, n) of `table` differs from the former one: (*shape[:-2]) bool.

@@ -38,9 +38,9 @@ from sdhj.solver.schemes import (
     checked_travel,
     evolve,
     evolve_each,
-    evolve_stopped,
-    together,
-    too_restless,
+    evolve_with_early_end,
+    terms_of_inputs,
+    too_restless_error,
 )
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
@@ -322,8 +322,8 @@ class _OnAxes:
 class HJIGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by finite differences, in the moving frame where that applies (`moving_frame`).
 
-    Avoid tubes are computed by the Hopf-Lax formula where it applies (`by_formula`). `_OnAxes` has the attributes; here
-    also
+    Avoid tubes are computed by the Hopf-Lax formula where it applies (`uses_hopf_lax`). `_OnAxes` has the attributes;
+    here also
 
     Attributes
     ----------
@@ -398,7 +398,7 @@ class HJIGames(_OnAxes):
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
     @cached_property
-    def pushed(self) -> FloatArray:
+    def displacement_by_disturbance(self) -> FloatArray:
         """How far the disturbance moves a state along each axis in an interval, in the axis's unit: (axes,).
 
         0 along an axis for less than a cell, and along all where a component of the disturbance moves several axes.
@@ -428,7 +428,7 @@ class HJIGames(_OnAxes):
         from an unsafe end it cannot come, which the avoid games see to.
         """
         past = past_ends(self.problem, self.axes)
-        return self.grid.continued(past) if any(past) else self.grid, past
+        return self.grid.extended(past) if any(past) else self.grid, past
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
@@ -446,7 +446,7 @@ class HJIGames(_OnAxes):
             yield from self._shifts(values, step, patch)
             return
         if patch:
-            planes = patch.rows = patch.besides | within_stages(self.grid, patch.changed, *self._reads(step))
+            planes = patch.rows = patch.other_changes | within_stages(self.grid, patch.changed, *self._reads(step))
             if not planes.any():
                 return
         if groups := self.groups(self.axes):
@@ -480,11 +480,11 @@ class HJIGames(_OnAxes):
 
         axes : the axes on which the game is played. avoid : whether it is an avoid game; else it is a reach game.
         """
-        if avoid and self.by_formula(axes):
+        if avoid and self.uses_hopf_lax(axes):
             found = self.formula.operations(axes, step, avoid)
             self.crossed = max(self.crossed, self.formula.crossed)
             return found
-        moving, timed = self.shifted and not avoid, self.problem.dynamics.timed
+        moving, timed = self.shifted and not avoid, self.problem.dynamics.depends_on_time
         grid = self.moving_grid[0] if moving else self.problem.grid.subgrid(axes)
         begin = self.problem.interval(step).begin
         if avoid or timed or (self.joint and not moving):
@@ -493,13 +493,13 @@ class HJIGames(_OnAxes):
             fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
             known = None if moving else self.counted.get(axes)
             steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
-        together = grid.size < FEW and not (self.early or timed or (self.joint and not avoid))
-        calls = sum(set(steps)) if together else sum(steps)
+        terms_of_inputs = grid.size < FEW and not (self.early or timed or (self.joint and not avoid))
+        calls = sum(set(steps)) if terms_of_inputs else sum(steps)
         self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            far = self.pushed[None]
+            far = self.displacement_by_disturbance[None]
             more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
@@ -509,7 +509,7 @@ class HJIGames(_OnAxes):
         """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), with f_j the drift under u_j.
 
         Psi is the reach set under the disturbance alone: the greater of the solution by differences and of the maximum
-        over the box that the disturbance moves a state in (`pushed`).
+        over the box that the disturbance moves a state in (`displacement_by_disturbance`).
 
         values : (*shape), the level-set function of the set to be in at the end of the interval from `step`.
         patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
@@ -520,7 +520,7 @@ class HJIGames(_OnAxes):
             inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         pushes = self._field(0, self.axes, step, self.problem.interval(step).begin, drift=False)
-        far = self.pushed
+        far = self.displacement_by_disturbance
 
         def solve(planes: FloatArray | None) -> FloatArray:
             """Psi on the grid of the moving frame, right at least in these planes (None: all); counted in `solved`."""
@@ -532,7 +532,7 @@ class HJIGames(_OnAxes):
 
         if patch:
             cells = far / grid.spacing, np.abs(shift).max(axis=0) / grid.spacing
-            still = patch.solve_still(solve, grid, past, self._reads(step, pushes), cells)
+            still = patch.solve_in_frame(solve, grid, past, self._reads(step, pushes), cells)
             if not patch.rows.any():
                 return
         else:
@@ -552,29 +552,31 @@ class HJIGames(_OnAxes):
         steps = self.steps(self.axes, step) if callable(velocities) else counts[j] if counts else None
         given = self.grid, values, velocities, self.duration, self.scheme
         if self.early:
-            return evolve_stopped(*given, self.early, steps=steps)
+            return evolve_with_early_end(*given, self.early, steps=steps)
         return evolve(*given, steps=steps, planes=planes)
 
     def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
         """All inputs in groups as `evolve_each` takes them, for games on some axes; kept for the next call.
 
         A group is (the numbers of the inputs that need equally many time steps, their velocities by
-        `sdhj.solver.schemes.together`, how many time steps that is); with `steps` all inputs are one group of so many.
-        [] where inputs are to be solved one by one: where intervals may end early or velocities depend on time, where
-        the grid is large, or where the velocities would take too much memory.
+        `sdhj.solver.schemes.terms_of_inputs`, how many time steps that is); with `steps` all inputs are one group of so
+        many. [] where inputs are to be solved one by one: where intervals may end early or velocities depend on time,
+        where the grid is large, or where the velocities would take too much memory.
         """
         grid, few = self.problem.grid.subgrid(axes), self.problem.grid.subgrid(axes).size < FEW
-        if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.timed:
+        if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.depends_on_time:
             fields: list[Any] = [self.velocities(j, axes, 0) for j in range(self.count)]
             each = self.counted.get(axes) or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields]
             alike = [(number, np.flatnonzero(np.equal(each, number)).tolist()) for number in sorted(set(each))]
             found = [(steps, list(range(self.count)))] if steps else alike
             little = sum(max(one.nbytes, 16 * grid.ndim * math.prod(one.shape)) for one in fields) <= GROUPED
-            parts = [(some, together(grid, [fields[j] for j in some], self.scheme), n) for n, some in found if little]
+            parts = [
+                (some, terms_of_inputs(grid, [fields[j] for j in some], self.scheme), n) for n, some in found if little
+            ]
             self._groups[axes, steps] = parts if all(terms is not None for _, terms, _ in parts) else []
         return self._groups.get((axes, steps), [])
 
-    def by_formula(self, axes: Axes) -> bool:
+    def uses_hopf_lax(self, axes: Axes) -> bool:
         """Whether the avoid tubes on some axes are computed by the Hopf-Lax formula.
 
         Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
@@ -594,9 +596,9 @@ class HJIGames(_OnAxes):
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
         """The avoid tubes over the interval from a step, (L, *subgrid of obstacle.axes), wanted nodes alone.
 
-        By the Hopf-Lax formula where it applies (`by_formula`), else by differences.
+        By the Hopf-Lax formula where it applies (`uses_hopf_lax`), else by differences.
         """
-        if not self.by_formula(obstacle.axes):
+        if not self.uses_hopf_lax(obstacle.axes):
             return super().tubes(obstacle, step)
         return self.formula.tubes(obstacle, step)
 
@@ -650,7 +652,7 @@ class HJIGames(_OnAxes):
         drift : False leaves the drift out.
         """
         interval = self.problem.interval(step)
-        if not self.problem.dynamics.timed:
+        if not self.problem.dynamics.depends_on_time:
             return self._field(j, axes, step, interval.begin, drift)
         if interval.begin != self._begun:
             self._fields.clear()
@@ -666,12 +668,15 @@ class HJIGames(_OnAxes):
         if (key := (j, axes, drift, t)) not in self._fields:
             field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
             own = self.problem.grid.subgrid(axes)
-            if self.problem.dynamics.timed and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1:
-                raise too_restless(self.duration)
+            if (
+                self.problem.dynamics.depends_on_time
+                and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1
+            ):
+                raise too_restless_error(self.duration)
             laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
             if (left_over := self._bytes_left - field.nbytes - laid_out) < 0:
                 return field
-            self._fields[key], self._bytes_left = field if field.coupled else field.kept(), left_over
+            self._fields[key], self._bytes_left = field if field.coupled else field.with_terms(), left_over
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
@@ -684,7 +689,7 @@ class HJIGames(_OnAxes):
         """
         if axes in self.counted:
             return max(1, *self.counted[axes])
-        key = axes, step if self.problem.dynamics.timed else 0
+        key = axes, step if self.problem.dynamics.depends_on_time else 0
         if key not in self._steps:
             grid, delta, cfl = self.problem.grid.subgrid(axes), self.duration, self.scheme.cfl
             most = 1
@@ -747,7 +752,10 @@ class JointGames(HJIGames):
                 instant = problem.view_time == "instantaneous"
                 met: Any = None if not some else partial(union, some) if instant else union(some, 0.0)
                 keywords: dict[str, Any] = {"obstacle": met, "steps": steps}
-                yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **keywords)
+                yield (
+                    j,
+                    evolve_with_early_end(grid, values, velocities, self.duration, self.scheme, self.early, **keywords),
+                )
 
         yield from in_eights(grid, solved())
 
@@ -786,7 +794,7 @@ class HopfLaxGames(_OnAxes):
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
-        timed, speed = problem.dynamics.timed, np.zeros(problem.grid.ndim)
+        timed, speed = problem.dynamics.depends_on_time, np.zeros(problem.grid.ndim)
         for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
             for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
@@ -795,11 +803,11 @@ class HopfLaxGames(_OnAxes):
                 np.array(interval.displacement_boxes(*s)) for s in ((0, end), (0, end / 2), (end / 2, end))
             )
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
-                raise too_restless(self.duration)
+                raise too_restless_error(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
         self._about: tuple[Interval | None, dict[Any, Any]] = None, {}
 
-    def _once(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
+    def _kept_for_interval(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
         """The value of `find()`, computed once for each `key` and kept until another interval is asked for.
 
         Where velocities do not depend on time all steps have one interval. key : hashable, what the value depends on
@@ -832,13 +840,15 @@ class HopfLaxGames(_OnAxes):
         patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         if patch:
-            patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
+            patch.rows = patch.other_changes | within_boxes(self.grid, patch.changed, self.reads)
             if not patch.rows.any():
                 return
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = (self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)).tolist()
         some = list(self.axes)
-        path = self._once(interval, "path", lambda: [self._displacement_sets(interval, some, [end]) for end in ends])
+        path = self._kept_for_interval(
+            interval, "path", lambda: [self._displacement_sets(interval, some, [end]) for end in ends]
+        )
         values, wanted = np.asarray(values, self.dtype), self.wanted_on(self.axes)
         if self.early:
             yield from in_eights(self.grid, maximum_over_paths(self.grid, values, path, self.interpolation, wanted))
@@ -876,7 +886,8 @@ class HopfLaxGames(_OnAxes):
     ) -> tuple[Moved, float]:
         """For each input a box and segments that hold all its displacements in one piece of an interval, and a cost.
 
-        The cost is that of maxima over all of them, in operations, for the progress bar. Both are kept (`_once`).
+        The cost is that of maxima over all of them, in operations, for the progress bar. Both are kept
+        (`_kept_for_interval`).
 
         piece : which of `pieces` equal pieces, from 0 on.
         axes : the axes of the problem's grid along which displacements are returned, in this order.
@@ -884,11 +895,15 @@ class HopfLaxGames(_OnAxes):
 
         def find() -> tuple[Moved, float]:
             """The sets and the cost, computed anew."""
-            ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
+            ends = (
+                self.duration
+                * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.depends_on_time else 2)
+                / pieces
+            )
             moved = self._displacement_sets(interval, axes, ends.tolist())
             return moved, _operations(self.problem.grid.subgrid(axes), moved) + A_PIECE
 
-        return self._once(interval, (*axes, piece, pieces), find)
+        return self._kept_for_interval(interval, (*axes, piece, pieces), find)
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
         """For each input a box and segments whose sum holds its displacements at all times in `ends`.

@@ -16,7 +16,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
-from sdhj.problem.nodes import beside
+from sdhj.problem.nodes import neighbour
 from sdhj.problem.problem import ReachAvoidProblem
 
 # cells that the disturbance has to push and that a gap has to be wide, if shifted and by differences: of what a line of
@@ -150,7 +150,7 @@ def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values
     for axis in range(some.ndim):
-        deepest = np.minimum.reduce([deepest, *(beside(some, deepest, axis, by, np.inf) for by in (-1, 1))])
+        deepest = np.minimum.reduce([deepest, *(neighbour(some, deepest, axis, by, np.inf) for by in (-1, 1))])
     inside = np.argwhere((values <= 0) & (values == deepest))
     return np.array(some.lower) + inside * some.spacing
 

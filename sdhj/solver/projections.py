@@ -264,41 +264,41 @@ class ProjectedSets(GridSets):
     games : ProjectedGames
     goals : dict
         By the step k, the position in the table's tubes at which the entry (k, 0) was written.
-    lost : dict
-        What `_lost` returns, found when the sets are made.
+    losses : dict
+        What `_find_losses` returns, found when the sets are made.
     """
 
     games: ProjectedGames
 
     def __init__(self, *given: Any) -> None:
-        """Make the `GridSets`, find how much the projections lose (`lost`), and warn where nothing is left."""
+        """Make the `GridSets`, find how much the projections lose (`losses`), and warn where nothing is left."""
         super().__init__(*given)
         self.goals: dict[int, int] = {}
-        self.lost = self._lost()
-        tell(*self.empty())
+        self.losses = self._find_losses()
+        tell(*self.empty_findings())
 
-    def goal(self, step: int) -> None:
-        """Write the entry (step, 0): copy the tube that `_lost` has written to where the entry lies now.
+    def write_goal(self, step: int) -> None:
+        """Write the entry (step, 0): copy the tube that `_find_losses` has written to where the entry lies now.
 
-        Nothing is done if it lies where `_lost` wrote it; an entry moves up as tubes before it are shared.
+        Nothing is done if it lies where `_find_losses` wrote it; an entry moves up as tubes before it are shared.
         """
         place = self.table.tube_index(step, 0)
         if place != self.goals[step]:
             self.table.tubes[place] = self.table.tubes[self.goals[step]]
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table of `GridSets`, with `lost` and the sentences of all warnings in details["projection"].
+        """The table of `GridSets`, with `losses` and the sentences of all warnings in details["projection"].
 
         Warns if the tubes never grow beyond the target, unless the cause has been warned of before.
         """
-        table, found = super().finish(details), self.empty()
+        table, found = super().finish(details), self.empty_findings()
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
             tell(found[0])
-        told = self.lost | {"warnings": [str(one) for one in found]}
+        told = self.losses | {"warnings": [str(one) for one in found]}
         return replace(table, details={**table.details, "projection": told})
 
-    def _lost(self) -> dict[str, Any]:
+    def _find_losses(self) -> dict[str, Any]:
         """How much the projections lose, before the recursion; plays no game. Writes the entries (k, 0) and `goals`.
 
         The avoid games have been played before, and have filled in `games.free`.
@@ -320,7 +320,7 @@ class ProjectedSets(GridSets):
 
         kept = [0.0] * len(games.subspaces)
         for k in starts:
-            super().goal(k)
+            super().write_goal(k)
             self.goals[k] = self.table.tube_index(k, 0)
             goal = self.table.value_array(k, 0)
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
@@ -337,28 +337,28 @@ class ProjectedSets(GridSets):
         part = next(one for position, one in enumerate(self.problem.unsafe) if self._name(position) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
-    def empty(self) -> list[Finding]:
-        """Findings, from `lost`, of subspaces that keep nothing of the target, and of sets that leave none free.
+    def empty_findings(self) -> list[Finding]:
+        """Findings, from `losses`, of subspaces that keep nothing of the target, and of sets that leave none free.
 
         The caller warns; [] if nothing is empty.
         """
         problem, names = self.problem, self.problem.grid.names
         found = []
-        for axes, share in zip(self.games.subspaces, self.lost["target_kept"], strict=True):
+        for axes, share in zip(self.games.subspaces, self.losses["target_kept"], strict=True):
             dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]
             if share == 0.0:
                 lost = [axis for axis in dropped if axis in problem.target.axes]
                 cause = (
-                    f"the target depends on {_listed(names, lost)}"
+                    f"the target depends on {_names_joined(names, lost)}"
                     if lost
-                    else f"everywhere in the target some value of {_listed(names, dropped)} is unsafe"
+                    else f"everywhere in the target some value of {_names_joined(names, dropped)} is unsafe"
                 )
                 cause = (
-                    f"dropping {_listed(names, dropped)} leaves nothing of the target: the projected target has to be "
-                    f"reached for every value of what was dropped, but {cause}; "
+                    f"dropping {_names_joined(names, dropped)} leaves nothing of the target: the projected target has "
+                    f"to be reached for every value of what was dropped, but {cause}; "
                 )
                 found.append(Finding(cause, share, "keep it, or use method='hji'", ProjectionWarning))
-        for name, share in self.lost["free"].items():
+        for name, share in self.losses["free"].items():
             if share == 0.0:
                 cause = (
                     f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
@@ -368,7 +368,7 @@ class ProjectedSets(GridSets):
         return found
 
 
-def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
+def _names_joined(names: Sequence[str], axes: Sequence[int]) -> str:
     """The names of some axes, joined by " and "."""
     return " and ".join(names[axis] for axis in axes)
 

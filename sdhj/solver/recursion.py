@@ -22,11 +22,11 @@ from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import LARGEST
-from sdhj.problem.uncertain import before_prediction, shrunk
-from sdhj.solver.avoid import dangers, never_met, tube_of
+from sdhj.problem.uncertain import eroded_by_error, must_lead_into
+from sdhj.solver.avoid import avoid_tubes_of, dangers, never_met_finding
 from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import check_crossing, check_resolution
@@ -45,8 +45,8 @@ LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the
 class TubeSets(Protocol):
     """All tubes S_k with n steps to go, in some representation: the operations that Theorem 2 needs.
 
-    `recursion` calls `goal` once for each step k, then `extend` or `share` for n = 1, 2, ... in order, and asks
-    `stopped` only of entries that have been filled in. `finish` is called last, once.
+    `recursion` calls `write_goal` once for each step k, then `extend` or `repeat` for n = 1, 2, ... in order, and asks
+    `unchanged` only of entries that have been filled in. `finish` is called last, once.
 
     Attributes
     ----------
@@ -62,23 +62,23 @@ class TubeSets(Protocol):
 
     time_invariant: bool
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Write the entry (step, 0): the target minus the unsafe sets, at the time of the step."""
 
     def extend(self, step: int, within: int) -> None:
         """Write the entry (step, within) from (step, within - 1), (step + 1, within - 1) and the step's avoid tubes."""
 
-    def stopped(self, step: int, within: int) -> bool:
+    def unchanged(self, step: int, within: int) -> bool:
         """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; within >= 1."""
 
-    def share(self, step: int, within: int) -> None:
+    def repeat(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as the entry (step, within - 1), without computing anything."""
 
     def finish(self, details: Mapping[str, Any]) -> Table:
         """The table of all entries; the items of `details`, plain values by name, are added to the table's details."""
 
 
-def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
+def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
     """The finding that a solve with steps=None ended before its tube had settled; the caller has found that it did.
 
     steps : after how many steps the solve ended.
@@ -97,7 +97,7 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
     )
 
 
-def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None) -> Finding | None:
+def worn_down_finding(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None) -> Finding | None:
     """The finding that most of a set that should be safe for ever was lost while its boundary crept, or None.
 
     It is made if, after the last step, less than half is left of what was left when the boundary began to creep.
@@ -128,14 +128,14 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
 
     Rows k come from `steps` down to 0, and in a row n goes upwards. If nothing depends on time, only the row k = 0 is
     filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and
-    `sets.share` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the target
-    appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
+    `sets.repeat` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the
+    target appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
     """
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
-        sets.goal(step)
+        sets.write_goal(step)
         for within in range(1, steps - step + 1):
-            if within >= 2 and sets.stopped(step + 1, within - 1):
-                sets.share(step, within)
+            if within >= 2 and sets.unchanged(step + 1, within - 1):
+                sets.repeat(step, within)
             else:
                 sets.extend(step, within)
             done()
@@ -155,11 +155,11 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
     wide = [danger.problem.grid for danger in found if danger.problem is not problem]
     copied = np.dtype(dtype).itemsize * count * max([0, *(one.size for one in wide)])
-    if dynamics.timed and not dynamics.stateless:  # of an interval at a time, at each of its time steps
+    if dynamics.depends_on_time and not dynamics.stateless:  # of an interval at a time, at each of its time steps
         speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
         times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
     arrays = 12 + (count if problem.sensing.jitter else 0)  # the reach sets of all inputs, while an interval may end
-    played = (bytes_of_games(problem, one, dtype, arrays, times) for one in (grid.continued(past), *wide))
+    played = (bytes_of_games(problem, one, dtype, arrays, times) for one in (grid.extended(past), *wide))
     return PROCESS + layout.nbytes + copied + max(played)
 
 
@@ -171,10 +171,10 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     wrong.
     """
     problem, slabs = plan.problem, plan.layout.slabs
-    games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
+    games: Any = plan.whole_games if slabs == 1 else plan.make_games(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
         return None
-    played, steps, timed = problem.padded, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
+    played, steps, timed = problem.padded, problem.steps or ENDLESS_STEPS, problem.dynamics.depends_on_time
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
@@ -190,7 +190,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
         own = danger.problem
         playing: Any = games
         if own is not played or slabs > 1:
-            playing = plan.make(own, counted=counted) if counted else plan.make(own)
+            playing = plan.make_games(own, counted=counted) if counted else plan.make_games(own)
         each = [playing.operations(own.avoid_axes(danger.unsafe_set), step, avoid=True) for step in looked]
         once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
@@ -224,11 +224,11 @@ class InputRows:
         How many of the last axes a row joins.
     size : int
         Nodes of a row.
-    every : (R,) int array
+    all_rows : (R,) int array
         The numbers of all rows.
-    wide : list of int
+    row_widths : list of int
         For the static and for the moving avoid tubes: numbers that they have for a row, `size` or 1.
-    static : (L, parts, wide[0]) array
+    static : (L, parts, row_widths[0]) array
         The static avoid tubes, a view.
     highest : (L, parts) array
         The largest value in each part of `static`.
@@ -246,10 +246,10 @@ class InputRows:
             if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
         self.last, self.size = last, math.prod(grid.shape[-last:])
-        self.every = np.arange(grid.size // self.size)
-        self.wide = [self.size if grid.ndim - 1 in some else 1 for some in axes]
+        self.all_rows = np.arange(grid.size // self.size)
+        self.row_widths = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
-        self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
+        self.static = tubes.static.reshape(len(tubes.static), -1, self.row_widths[0])
         self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._part_at(some, last) for some in axes)
 
@@ -330,9 +330,9 @@ class InputRows:
             found = (flat, *self._lines(tuple(reach_sets.axes), reach_sets.number))
         static, moving = self.static, self.tubes.moving[step]
         avoid_rows = AvoidRows(
-            self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
+            self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.row_widths[1]), self.moving_at
         )
-        some = self.every if some is None else some
+        some = self.all_rows if some is None else some
         add_inputs(
             self.as_rows(tube),
             self.as_rows(marks, 1),
@@ -357,7 +357,7 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
     if layout.slabs == 1:
         if "rows" not in plan.kept:
             # whether the reach sets avoid everything already: joint games know of no unsafe ends
-            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
+            joint = getattr(plan.whole_games, "joint", False) and not problem.grid.has("fails")
             plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
@@ -372,7 +372,7 @@ def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[boo
 
     Avoid tubes and earlier entries must be in `arrays` before a task of kind "extend". It may run in another process,
     on a pickled plan; the caller enters the slab in the ledger. danger : for each avoid game of the task's kind whether
-    any node of the slab is in danger, [] for other tasks. digest : what `arrays.enter` takes.
+    any node of the slab is in danger, [] for other tasks. digest : what `arrays.record_finished` takes.
     """
     met: list[bool] = []
     if task.kind in plan.avoid:
@@ -390,7 +390,7 @@ def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     problem = plan.problem
     part = problem.on(plan.slab(task.slab))
     tube, marks = arrays.buffers(task.written)
-    tube[...] = shrunk(part, part.goal(task.step))
+    tube[...] = eroded_by_error(part, part.goal(task.step))
     return [tube, marks]
 
 
@@ -402,9 +402,9 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     only the rows that it names are computed, and the others are copied from the former solve.
     """
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
-    window, games = plan.play(task.slab)
+    window, games = plan.games_on_slab(task.slab)
     before, played = arrays.read("tubes", task.before, runs), problem.padded.grid
-    values = before_prediction(problem, read_window(arrays, "tubes", task.after, window))
+    values = must_lead_into(problem, read_window(arrays, "tubes", task.after, window))
     if played is not problem.grid:
         values = np.pad(values, played.padding, "edge")
     (rows, step), (tube, marks) = _rows(plan, arrays, task), arrays.buffers(task.written)
@@ -444,7 +444,7 @@ def _reach_sets(
         yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
         return
     inner, reach_sets = problem.padded.grid.inner, games.reach(values, step)
-    kept = (lambda phi: phi) if problem.sensing.remembers else (lambda phi: shrunk(problem, phi))
+    kept = (lambda phi: phi) if problem.sensing.remembers else (lambda phi: eroded_by_error(problem, phi))
     yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach_sets))
 
 
@@ -464,8 +464,8 @@ def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatAr
     keeps = plan.former if len(plan.avoid[task.kind]) > 1 else None
     for game in plan.avoid[task.kind]:
         danger = game.danger
-        games, inside = plan.play_avoid(game, task.slab)
-        found = tube_of(games, danger, inside, task.step, keeps)
+        games, inside = plan.avoid_games_on_slab(game, task.slab)
+        found = avoid_tubes_of(games, danger, inside, task.step, keeps)
         first = not met
         met.append(bool(found.max() > 0))
         if first and not keeps and found.flags.carray and (found.shape, found.dtype) == (shape, total.dtype):
@@ -476,7 +476,7 @@ def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatAr
             lifted = np.expand_dims(tube, [i for i in range(len(kept)) if i not in at])
             np.maximum(lifted if first else out, lifted, out=out)
     for tube in total if problem.sensing else ():
-        tube[:] = shrunk(problem, np.maximum(tube, -LARGEST), kept)  # -inf times 0 is no number
+        tube[:] = eroded_by_error(problem, np.maximum(tube, -LARGEST), kept)  # -inf times 0 is no number
     inner = (slice(None) if layout.slabs > 1 else problem.grid.inner[axis] for axis in kept)
     return [np.ascontiguousarray(total[(slice(None), *inner)])], met
 
@@ -559,7 +559,11 @@ class GridSets:
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
         self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
-        patches = not must_write_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
+        patches = (
+            not must_write_out(problem, plan.whole_games) and getattr(plan.whole_games, "patches", False)
+            if former
+            else False
+        )
         self.former = former if patches else None
         # none of its own, which would know `self`: the table would stay until garbage is collected
         self.run = slabs.run
@@ -572,7 +576,7 @@ class GridSets:
     @property
     def games(self) -> Any:
         """The games on the whole grid, made at first use; in a solve with one slab, those that play it."""
-        return self.plan.whole
+        return self.plan.whole_games
 
     @staticmethod
     def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
@@ -588,7 +592,7 @@ class GridSets:
         number = LookupTable.most_tubes(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
-        require(needed, "this solve", f"it has {why}; use {remedies}")
+        require_memory(needed, "this solve", f"it has {why}; use {remedies}")
         plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.padded))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
         check_resolution(problem)
@@ -615,7 +619,7 @@ class GridSets:
         # where nothing was looked at, an earlier solve has seen the others
         for unsafe_set in self.plan.problem.padded.unsafe if looked_at else ():
             if id(unsafe_set) not in met:
-                tell(never_met(unsafe_set))
+                tell(never_met_finding(unsafe_set))
 
     def _former_avoid_tubes(self, kind: str) -> FloatArray | None:
         """The former solve's avoid tubes of a kind, a view, if none of them can differ; else None, as without a former.
@@ -638,17 +642,17 @@ class GridSets:
         task : whose `slab` is ignored.
         """
         tasks = [task._replace(slab=slab) for slab in range(self.plan.layout.slabs_of(task.array))]
-        todo = [one for one in tasks if not self.arrays.there(one.written)]
+        todo = [one for one in tasks if not self.arrays.is_finished(one.written)]
         self.tick(len(tasks) - len(todo))
         found = []
         run = self.run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
         for done, met, digest in run(todo):
-            self.arrays.enter(done.written, digest)
+            self.arrays.record_finished(done.written, digest)
             found.append(met)
             self.tick(1)
         return found
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), on all slabs."""
         self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
@@ -659,34 +663,36 @@ class GridSets:
         """
         table, endless = self.table, self.problem.steps is None
         if endless:
-            require(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
+            require_memory(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
         places = [table.tube_index(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
         self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
         if self.former and patch:
-            self.former.keep_still(patch, step, within)
+            self.former.keep_frame_solution(patch, step, within)
         if endless:
             tube, before = table.value_array(step, within), table.value_array(step, within - 1)
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
             self.shares[within] = table.fraction(within=within)
 
-    def stopped(self, step: int, within: int) -> bool:
+    def unchanged(self, step: int, within: int) -> bool:
         """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit.
 
         With steps=None: whether the boundary moved by at most `SETTLED` cells in the last step and, without a target,
         its unrest is at most `RESTLESS`; also sets `creeping`.
         """
         if self.problem.steps is None:
-            motion = self.table.motion(step, within)
+            motion = self.table.boundary_speed(step, within)
             if self.creeping is None and motion <= CREEPING:
                 self.creeping = within
-            return motion <= SETTLED and (not self.problem.has_no_target or self.table.unrest(within) <= RESTLESS)
+            return motion <= SETTLED and (
+                not self.problem.has_no_target or self.table.level_set_speed(within) <= RESTLESS
+            )
         one, other = (self.table.value_array(step, n) for n in (within, within - 1))
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
-    def share(self, step: int, within: int) -> None:
+    def repeat(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as (step, within - 1); counts it, and ticks its slabs."""
-        self.table.share(step, within)
+        self.table.repeat(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)
 
@@ -698,13 +704,13 @@ class GridSets:
         """
         table, endless = self.table, self.problem.steps is None
         if endless:
-            share, motion = table.fraction(within=self.filled), table.motion(0, self.filled)
+            share, motion = table.fraction(within=self.filled), table.boundary_speed(0, self.filled)
             settled = self.shared > 0 or motion <= SETTLED
             table = table.settled(self.filled - QUIET if settled and not self.problem.has_no_target else self.filled)
             if not settled:
-                tell(unsettled(self.problem, self.filled, self.changing))
+                tell(unsettled_finding(self.problem, self.filled, self.changing))
             if self.problem.has_no_target:
-                tell(worn_down(self.problem, self.shares, self.creeping))
+                tell(worn_down_finding(self.problem, self.shares, self.creeping))
         steps = table.steps
         avoid = sum(steps if self.problem.moves(unsafe_set) else 1 for unsafe_set in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)

@@ -19,7 +19,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.findings import Finding, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
-from sdhj.problem.nodes import beside, steepest
+from sdhj.problem.nodes import neighbour, steepest
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
@@ -48,8 +48,14 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
             continue
         for t in _few_moments(problem, unsafe_set):
-            finding = _once(problem, unsafe_set, t, _hidden) or _once(problem, unsafe_set, t, _abrupt)
-            if finding := finding or too_thin(problem, unsafe_set, t) or flat_inside(problem, unsafe_set, t):
+            finding = _kept_finding(problem, unsafe_set, t, _hidden_finding) or _kept_finding(
+                problem, unsafe_set, t, _abrupt_finding
+            )
+            if (
+                finding := finding
+                or too_thin_finding(problem, unsafe_set, t)
+                or flat_inside_finding(problem, unsafe_set, t)
+            ):
                 tell(finding)
                 break
 
@@ -62,8 +68,10 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
-        hidden = (_once(problem, unsafe_set, t, _hidden, ASKED) for t in _few_moments(problem, unsafe_set))
-        tell(next(filter(None, hidden), None) or _nowhere(problem, unsafe_set))
+        hidden = (
+            _kept_finding(problem, unsafe_set, t, _hidden_finding, ASKED) for t in _few_moments(problem, unsafe_set)
+        )
+        tell(next(filter(None, hidden), None) or _nowhere_finding(problem, unsafe_set))
 
 
 def _few_moments(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> list[float]:
@@ -71,7 +79,7 @@ def _few_moments(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> list[
     return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
 
-def _once(
+def _kept_finding(
     problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, find: Callable[..., Finding | None], *more: str
 ) -> Finding | None:
     """What find(problem, unsafe_set, t, *more) returns; if the set is a formula, kept with it after the first call.
@@ -89,7 +97,7 @@ def _once(
     return known[key]
 
 
-def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
+def costly_error_finding(problem: "ReachAvoidProblem") -> Finding | None:
     """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
 
     It names the first axis along which 2 E, what the errors cost in an interval, is at least half the range of the
@@ -100,7 +108,7 @@ def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
     if not sensing or sensing.remembers:
         return None
     states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (STATES, grid.ndim))
-    still, t = np.zeros((STATES, problem.dynamics.adversaries)), problem.time(0)
+    still, t = np.zeros((STATES, problem.dynamics.disturbance_dim)), problem.time(0)
     speeds = [problem.dynamics.velocity_at(states, j, still, t) for j in range(len(problem.inputs))]
     changed, costs = problem.delta * np.ptp(speeds, axis=0).max(axis=0) / 2, 2 * problem.half_widths[0]
     for axis in np.flatnonzero((changed > 0) & (costs >= changed * (1 - 1e-9))).tolist():
@@ -116,18 +124,25 @@ def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
 def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of what does not fit together where a periodic axis closes, and of a `Sensing` with too large an error.
 
-    That is of unsafe sets and targets that are cut off there (`_cut_off`), of velocities that jump there
-    (`_turning_over`), and of errors that cost more than inputs change (`losing_to_error`): one warning of each set,
-    one of velocities.
+    That is of unsafe sets and targets that are cut off there (`_cut_off_finding`), of velocities that jump there
+    (`_turning_over_finding`), and of errors that cost more than inputs change (`costly_error_finding`): one warning of
+    each set, one of velocities.
     """
     for part in problem.all_sets:
-        tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
-    tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
-    tell(losing_to_error(problem))
+        tell(next(filter(None, (_cut_off_finding(problem, part, t) for t in _moments(problem, part.moving))), None))
+    tell(
+        next(
+            filter(
+                None, (_turning_over_finding(problem, t) for t in _moments(problem, problem.dynamics.depends_on_time))
+            ),
+            None,
+        )
+    )
+    tell(costly_error_finding(problem))
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
-    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `timed`."""
+    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `depends_on_time`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
 
@@ -159,7 +174,7 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
     return found
 
 
-def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
+def _cut_off_finding(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
     """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not.
 
     It is if the level-set function differs in sign on both sides of the seam, by more than 1e-6 of its largest absolute
@@ -184,7 +199,7 @@ def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: flo
     return None
 
 
-def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
+def _turning_over_finding(problem: "ReachAvoidProblem", t: float) -> Finding | None:
     """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None.
 
     A jump is a difference of more than 1e-6 of the greatest velocity there. Velocities that are undefined at the seam
@@ -212,7 +227,7 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
     return None
 
 
-def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
+def _nowhere_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
     """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
@@ -230,7 +245,9 @@ def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding |
     )
 
 
-def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
+def _hidden_finding(
+    problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED
+) -> Finding | None:
     """The finding that part of an unsafe set lies between the nodes at time t; None where no such part is found.
 
     Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set. A cell is
@@ -247,7 +264,7 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
-        seen = seen | beside(grid, seen, axis, -1, False) | beside(grid, seen, axis, 1, False)
+        seen = seen | neighbour(grid, seen, axis, -1, False) | neighbour(grid, seen, axis, 1, False)
     suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1
@@ -281,7 +298,7 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
     )
 
 
-def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
+def _abrupt_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """The finding that a level-set function g jumps at the set's boundary at time t; None if it does not.
 
     It does if the median of |g(z)| / |change of g between two nodes| is `ABRUPT` or more. The two are neighbours, one
@@ -315,7 +332,7 @@ ZERO = 1e-3  # cells
 FLAT = 1.5  # cells: from two on as many collide as with a signed distance (a car beside a square, 5,000 runs)
 
 
-def flat_inside(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
+def flat_inside_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """The finding that a level-set function is flat inside, so that differences wear the set down; None if not.
 
     It is if it falls to a value less than `FLAT` cells below zero and is constant, to rounding, around some node there;
@@ -330,7 +347,7 @@ def flat_inside(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float)
     for axis in range(grid.ndim):
         here, there = grid.edges(values, axis)
         changes.append(np.abs(here - there)[(here > 0) != (there > 0)])
-        bottom &= beside(grid, bottom, axis, -1, False) & beside(grid, bottom, axis, 1, False)
+        bottom &= neighbour(grid, bottom, axis, -1, False) & neighbour(grid, bottom, axis, 1, False)
     crossed = np.concatenate(changes)
     if least >= 0 or not bottom.any() or not crossed.size:
         return None
@@ -352,7 +369,7 @@ ROOMY = 2 * DEEP + 1  # cells, of a wall so thick that some node is that deep wh
 LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
-def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
+def too_thin_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """The finding that a wall or a dot is too thin for finite differences at time t, with how many nodes would do.
 
     Thin along an axis is what `_thickness` finds, unless something that is not thin lies within two nodes. A wall is
@@ -367,15 +384,15 @@ def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) ->
     thin = np.isfinite(cells)
     deepest = values
     for axis in range(grid.ndim):
-        deepest = np.minimum.reduce([deepest, *(beside(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
+        deepest = np.minimum.reduce([deepest, *(neighbour(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
     found = thin.all(axis=0) & (values == deepest)  # dots, not the tips of what is deeper behind
     for across, along in permutations(range(grid.ndim), 2):  # a wall may lie aslant
-        near = np.logical_or.reduce([beside(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
-        found |= thin[across] & beside(grid, near, along, -1, False) & beside(grid, near, along, 1, False)
+        near = np.logical_or.reduce([neighbour(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
+        found |= thin[across] & neighbour(grid, near, along, -1, False) & neighbour(grid, near, along, 1, False)
     for axis in range(grid.ndim):  # a chord that grazes what is thick beside it is no wall
         thick = (values <= 0) & ~thin[axis]
         for along, by in product(range(grid.ndim), (1, 2)):
-            thick = thick | beside(grid, thick, along, -by, False) | beside(grid, thick, along, by, False)
+            thick = thick | neighbour(grid, thick, along, -by, False) | neighbour(grid, thick, along, by, False)
         thin[axis] &= ~thick
     found &= thin.any(axis=0)
     if not found.any():
@@ -406,7 +423,7 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
     A thin piece has one or two nodes along the axis, which lie less than `DEEP` cells deep. Thickness is measured
     between the zeros of the interpolant; it is at least `LEAST_SHOWN`.
     """
-    last, before, after, further = (beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
+    last, before, after, further = (neighbour(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
     thickness = np.full(values.shape, np.inf)
     alone, pairs = (before, values, values, after), ((before, values, after, further), (last, before, values, after))
     with np.errstate(invalid="ignore", divide="ignore"):

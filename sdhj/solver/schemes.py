@@ -36,7 +36,7 @@ from sdhj.problem.boxes import most_on_padding, out_of_danger
 from sdhj.problem.checks import Options, option
 from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
+from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast_error
 from sdhj.solver.former import within_stages
 
 Scratch = dict[tuple[Any, ...], FloatArray]  # by what they are for and their shape
@@ -135,11 +135,11 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
     """
     cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
     if max(cells) > MOST_STEPS:
-        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
+        raise too_fast_error(grid, speed, duration, max(cells), "cells to be crossed")
     return np.array(cells)
 
 
-def too_restless(delta: float) -> ValueError:
+def too_restless_error(delta: float) -> ValueError:
     """A ValueError, which the caller raises, for velocities that change too fast within an interval of delta s."""
     return ValueError(
         f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
@@ -190,7 +190,7 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
     return node % n if grid.periodic[axis] else np.clip(node, 0, n - 1)
 
 
-def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
+def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
     """A new array of values (*grid.shape) with ghost nodes, as the kernels read them by the layout.
 
     Ghost nodes lie before and behind those of the last two axes, or of the only one. The result, of `dtype`, has as
@@ -208,10 +208,10 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 
-def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
+def _without_ghosts(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
     """Copy functions without their ghost nodes into the array `out` (count x grid.size numbers, any shape).
 
-    padded : functions as `_padded` arranges them by the layout, one after the other.
+    padded : functions as `_with_ghosts` arranges them by the layout, one after the other.
     """
     planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
@@ -233,7 +233,7 @@ def _field(
         return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None], (*shape, plane)), dtype)
     out = np.empty((*shape, layout.near.shape[0] * plane), dtype)
     for place in np.ndindex(shape):  # none where the adversary has no components
-        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).ravel()
+        out[place] = _with_ghosts(grid, layout, parts[place[0]][place[1:]], dtype).ravel()
     return out
 
 
@@ -270,7 +270,7 @@ def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) ->
     else:  # each end lies on the axes that it varies along
         field = np.empty((2 * grid.ndim, layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width), dtype)
         for row, one in zip(field, (*box[0], *box[1]), strict=True):
-            row[:] = _padded(grid, layout, np.broadcast_to(one.astype(dtype), grid.shape), dtype).ravel()
+            row[:] = _with_ghosts(grid, layout, np.broadcast_to(one.astype(dtype), grid.shape), dtype).ravel()
     terms = field.ravel(), (1.0 / spacing).astype(dtype)
     if velocities.drift is None or velocities.gain is None:
         return terms
@@ -333,11 +333,11 @@ def evolve(
         if callable(velocities):
             raise ValueError("velocities that depend on time need steps: as many as the fastest of them require")
         steps = velocities.steps(grid, duration, scheme.cfl)
-    terms = _over_time(velocities, lambda one: together(grid, [one], scheme))
+    terms = _over_time(velocities, lambda one: terms_of_inputs(grid, [one], scheme))
     return _evolved(grid, values, terms, 1, duration, scheme, obstacle, steps, planes=planes)[0]
 
 
-def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
+def terms_of_inputs(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
     """The velocities of several inputs as `stage` reads them: the tuple of `_arranged`, with a leading axis for inputs.
 
     1 / dx has no such axis. None where velocities are not all of one form, for example a constant box and one that
@@ -362,7 +362,7 @@ def evolve_each(
 ) -> FloatArray:
     """Solve the equation of `evolve` for many inputs at once, from the same `values`: a new array (L, *shape).
 
-    groups : inputs that have the same number of time steps: (their numbers, their velocities by `together`, that
+    groups : inputs that have the same number of time steps: (their numbers, their velocities by `terms_of_inputs`, that
         number). All groups together have the inputs 0 to L - 1, each once.
     scratch : a dict in which work arrays are kept for the next call, which overwrites them; None: they are made anew.
     duration, scheme, obstacle, planes : the arguments of `evolve`; the obstacle may depend on tau.
@@ -399,7 +399,7 @@ def _evolved(
 
     def arranged(g: Any) -> FloatArray:
         """A grid function (*shape) with ghost nodes, out of danger on the padding, new; for None an array of size 0."""
-        return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
+        return none if g is None else _with_ghosts(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
     phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
     if scratch is None:  # one input
@@ -423,7 +423,7 @@ def _evolved(
         np.maximum(phi, obstacle_at(0.0), out=phi)
     phi, free = _integrate(phi, work, euler, STAGES[scheme.integrator], steps, dt)
     inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
-    _inner(layout, phi, inner)
+    _without_ghosts(layout, phi, inner)
     return inner.reshape(count, *grid.shape)
 
 
@@ -442,7 +442,7 @@ def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: Flo
     return reversed(found)
 
 
-def evolve_stopped(
+def evolve_with_early_end(
     grid: Grid,
     values: FloatArray,
     velocities: Any,

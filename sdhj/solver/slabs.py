@@ -58,7 +58,7 @@ class Plan:
     Attributes
     ----------
     problem : ReachAvoidProblem
-    make : callable
+    make_games : callable
         Makes the games of a problem's intervals, as `sdhj.HJI.on` does.
     dtype : {"float32", "float64"}
         Of the tubes.
@@ -80,7 +80,7 @@ class Plan:
     """
 
     problem: ReachAvoidProblem
-    make: Callable[..., Games]
+    make_games: Callable[..., Games]
     dtype: str
     games: tuple[AvoidGame, ...]
     axis: int = 0
@@ -109,9 +109,9 @@ class Plan:
         return Shapes.of(self.problem, self.dtype, self.axis, width, ascending)
 
     @cached_property
-    def whole(self) -> Any:
+    def whole_games(self) -> Any:
         """The games on the whole, padded grid, made at first use and kept; in a solve with one slab they play it."""
-        return self.make(self.problem.padded)
+        return self.make_games(self.problem.padded)
 
     def slab(self, number: int) -> Grid:
         """The grid of slab `number`, without its halo."""
@@ -121,34 +121,34 @@ class Plan:
         """The grid of slab `number` with its halo, and which nodes of it along the cut axis are the slab."""
         return slab_window(self.problem.grid, self.axis, self.layout.span(number), self.halo)
 
-    def play(self, number: int) -> tuple[Grid, Any]:
+    def games_on_slab(self, number: int) -> tuple[Grid, Any]:
         """The grid of slab `number` with its halo, and games on it, whose results have the nodes of the slab alone.
 
         With several slabs the games are new at each call. With one it is the problem's grid without padding, and
-        `whole`, the games on the padded grid.
+        `whole_games`, the games on the padded grid.
         """
         if self.layout.slabs == 1:
-            return self.problem.grid, self.whole
+            return self.problem.grid, self.whole_games
         window, kept = self.window(number)
-        return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
+        return window, self.make_games(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
-    def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
+    def avoid_games_on_slab(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
         """The games by which an avoid game is played on slab `number`, and where the slab lies in their tubes.
 
         The second is a slice for each axis of the tubes, without that of the inputs.
 
         An avoid game that is not cut is played on all of its grid, else on the slab with its halo, by new games each
-        time. With one slab, avoid games on the padded grid are played by `whole`.
+        time. With one slab, avoid games on the padded grid are played by `whole_games`.
         """
         problem, inside = game.danger.problem, game.danger.inside
         if problem is self.problem.padded and self.layout.slabs == 1:
-            return self.whole, inside
+            return self.whole_games, inside
         if game.axis is None:
-            return self.make(problem), inside
+            return self.make_games(problem), inside
         first, end = self.layout.span(number)
         part, kept = slab_window(problem.grid, game.axis, (game.begin + first, game.begin + end), game.halo)
         cut = game.danger.axes.index(self.axis)
-        games = self.make(problem.on(part), counted=game.counted, wanted={game.axis: kept})
+        games = self.make_games(problem.on(part), counted=game.counted, wanted={game.axis: kept})
         return games, (*inside[:cut], slice(None), *inside[cut + 1 :])
 
 
@@ -219,7 +219,10 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
-        reached = max(nodes_read_in_a_step(games.scheme) * steps, nodes_read(float(games.pushed[axis]) / spacing))
+        reached = max(
+            nodes_read_in_a_step(games.scheme) * steps,
+            nodes_read(float(games.displacement_by_disturbance[axis]) / spacing),
+        )
         return reached + nodes_read(float(drift) * games.duration / spacing)
     return nodes_read_in_a_step(games.scheme) * _most_time_steps(games, games.axes, counted)
 
@@ -229,7 +232,7 @@ def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: M
 
     games : those of the whole grid of the danger's problem. counted : what `time_steps` returned for `axes`, or {}.
     """
-    if isinstance(games, HopfLaxGames) or games.by_formula(axes):
+    if isinstance(games, HopfLaxGames) or games.uses_hopf_lax(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
         more = 2 * games.problem.interval(0).segments(axes).shape[1]  # as in `HopfLaxGames.reads`
         return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis] + more)
@@ -284,12 +287,12 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
     found = grid.sampling_bytes + arrays * item * grid.size
     if not dynamics.stateless:
         whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
-        each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
-        each += 8 * (3 + grid.ndim) * (math.prod(dynamics.cuts(axes)) - 1)
+        each = 8 * (2 * dynamics.disturbance_dim + 6) if whole else 12  # boxes lie on the axes that they read
+        each += 8 * (3 + grid.ndim) * (math.prod(dynamics.pieces_of_components(axes)) - 1)
         velocities = each * grid.ndim * grid.size
         found += velocities + min(KEPT, count * times * velocities)
         at_once = min(count * grid.size, max(grid.size, count * FEW))
-        found += item * (grid.ndim * (3 + dynamics.adversaries) * at_once + arrays * (at_once - grid.size))
+        found += item * (grid.ndim * (3 + dynamics.disturbance_dim) * at_once + arrays * (at_once - grid.size))
     return found
 
 

@@ -33,7 +33,7 @@ def prepared(
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
     if problem.dynamics.stateless:  # the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
-        ends = interval.ahead(np.array([grid.lower]))[:2, :, :, 0]
+        ends = interval.displacement_sets(np.array([grid.lower]))[:2, :, :, 0]
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
@@ -55,7 +55,7 @@ def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
     The first has the ends of the paths under all inputs, and is empty where there is no formula of these; the others
     are empty where there are no such sets. The level-set functions must be formulas.
     """
-    ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
+    ahead, ndim = problem.interval(0).displacement_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
     unsafe, target = (program([_timed(part, ndim) for part in some]) for some in sets)
     return *program(ahead.outputs if ahead else ()), *unsafe, *target
@@ -85,9 +85,10 @@ def choose_by_true_sets(
 
     table : the `Table` that has answered the batch.
     rows : (R,) int, the states of the batch that are checked.
-    ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from these states, as `Interval.ahead` returns it.
+    ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from these states, as `Interval.displacement_sets` returns
+        it.
     scores : (M, L), the least first, for all states of the batch.
-    checks : `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, as `sdhj.table.batches.Table._decide` explains.
+    checks : `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, as `sdhj.table.batches.Table._fill_in_and_check` explains.
     """
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
@@ -96,17 +97,17 @@ def choose_by_true_sets(
     sets = 1 + conditional(problem)  # all together; and those that are unsafe under some inputs
     under = np.repeat(np.array([-1, 1]), len(problem.inputs))
     samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)
-    queue, _, hazard, points, _, level, there = samples
+    queue, _, hazard, points, _, unsafe_values, target_values = samples
     given = batch.within, batch.states, rows, (ints, floats), (ends, scores, table.normals), out, samples
     waiting = propose(-1, *given)
     while waiting:
         some, at = queue[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]
-        level[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
+        unsafe_values[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
         if sets > 1:
             found = problem.unsafe_along(at, times, batch.best[rows[some]]).ravel()
-            level[1, : waiting * count] = np.where(found < level[0, : waiting * count], found, np.inf)
+            unsafe_values[1, : waiting * count] = np.where(found < unsafe_values[0, : waiting * count], found, np.inf)
             heed_inputs(waiting, rows, count, under, batch.best, samples)
-        inside = there[0, : waiting * count].reshape(waiting, count)
+        inside = target_values[0, : waiting * count].reshape(waiting, count)
         for near, first, end in ((queue[2, some] == 0, here + 1, count), (out[0][rows[some]] == 0, here, here + 1)):
             if near.any() and not problem.has_no_target:
                 met = at[near, first:end]

@@ -15,7 +15,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
-from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
+from sdhj.problem.checks import points_array, read_only_view, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, choose_by_true_sets, prepared
@@ -45,7 +45,8 @@ class Batch(NamedTuple):
         states that are not admissible.
     safe : (M, L) bool array
         Which inputs are safe according to the table; none for states that are not admissible, and at the last step.
-        Only `best` has also been checked with the true sets (`Table.passes`); `Controller.safe_inputs` checks all.
+        Only `best` has also been checked with the true sets (`Table.passes_true_sets`); `Controller.safe_inputs` checks
+        all.
     margins : (M, L) array
         The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
         are in it. +inf for states that are not admissible, and at the last step.
@@ -79,7 +80,7 @@ class Batch(NamedTuple):
 
     def sealed(self) -> "Batch":
         """A batch with read-only views of these arrays; the originals, which they share, stay writable."""
-        return Batch(*(sealed(getattr(self, name)) for name in Batch._fields))
+        return Batch(*(read_only_view(getattr(self, name)) for name in Batch._fields))
 
     @property
     def promised(self) -> FloatArray:
@@ -296,7 +297,7 @@ class Table:
             raise ValueError("points has a NaN; every coordinate must be a number")
         found = self._inside(points, start, within)
         if not self.proved and found.any():
-            found[found] = ~self.problem.refuted(points[found], start, within)
+            found[found] = ~self.problem.surely_in_no_tube(points[found], start, within)
         return found
 
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
@@ -326,7 +327,7 @@ class Table:
         return self._share(*self.clipped(start, within))
 
     @cached_property
-    def cell(self) -> float:
+    def change_over_cell(self) -> float:
         """By how much the value of the whole tube, (0, N), changes over a cell at its boundary; 0 if none is found.
 
         On each axis i, whose nodes are h_i apart, the median of |dV/dx_i| h_i over those of `PROBES` random states (of
@@ -409,25 +410,25 @@ class Table:
         game = np.empty(shape) if self.game >= 0 else None
         batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best, game)
         scores = batch.depths if scores is None else scores
-        share_out(self.grid, states, lambda rows: self._decide(batch, scores, TRUE_SETS_TOO, rows))
+        share_out(self.grid, states, lambda rows: self._fill_in_and_check(batch, scores, TRUE_SETS_TOO, rows))
         if problem.has_no_target:
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
         return batch
 
-    def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
+    def _fill_in_and_check(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
         """Fill in some rows of a batch in place, and check them by the true sets; several threads call it at once.
 
         `best` becomes the safe input of least score that passes the check; inputs of less score, which fail it, are
         removed from `safe`, and steps_to_go of a state in an unsafe set becomes -1.
 
         scores : (M, L), for all states of the batch.
-        checks : `TRUE_SETS_TOO`: all fields are first computed from the tubes (`_answer`). `TRUE_SETS_ONLY`: all fields
-            have been filled in before.
+        checks : `TRUE_SETS_TOO`: all fields are first computed from the tubes (`_fill_in_by_tubes`). `TRUE_SETS_ONLY`:
+            all fields have been filled in before.
         rows : (R,) int; calls at the same time have different rows.
         """
-        ends = NOWHERE if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
+        ends = NOWHERE if self.proved else self.problem.interval(batch.step).displacement_sets(batch.states[rows])
         if checks == TRUE_SETS_TOO:
-            self._answer(batch, rows, ends)
+            self._fill_in_by_tubes(batch, rows, ends)
         choose_by_true_sets(self, batch, rows, ends, scores, checks)
 
     @cached_property
@@ -457,7 +458,7 @@ class Table:
         """The tapes that `packed_at` keeps, by the step; a dict that it writes."""
         return {}
 
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+    def _fill_in_by_tubes(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         """To be implemented: fill in some rows (R,) of a batch in place from the tubes alone, without the true sets.
 
         These are steps_to_go, safe, margins, game if there is one, and best, by depth. Without a target steps_to_go is
@@ -465,7 +466,8 @@ class Table:
 
         rows : (R,) int.
         ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from the states of these rows, as
-            `sdhj.problem.interval.Interval.ahead` returns it; an empty array for proved tables, which need none.
+            `sdhj.problem.interval.Interval.displacement_sets` returns it; an empty array for proved tables, which need
+            none.
         """
         raise NotImplementedError
 
@@ -477,10 +479,10 @@ class Table:
         """
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
-        self._decide(checked, scores, TRUE_SETS_ONLY, np.arange(len(to_go)))
+        self._fill_in_and_check(checked, scores, TRUE_SETS_ONLY, np.arange(len(to_go)))
         return checked.best
 
-    def chosen(self, batch: Batch, rule: str) -> FloatArray:
+    def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
         """To be implemented by proved tables: which input each state of a batch gets by a built-in rule, (M,) int.
 
         -1 for states that are not admissible and at the last step.
@@ -489,7 +491,7 @@ class Table:
         """
         raise NotImplementedError
 
-    def next_bounds(
+    def bounds_of_next_points(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The box in which a controller that remembers goes on, and how far from it the next prediction may be.
@@ -505,7 +507,7 @@ class Table:
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still, (longest, early) = (
-            np.zeros((len(points), problem.dynamics.adversaries)),
+            np.zeros((len(points), problem.dynamics.disturbance_dim)),
             problem.sensing.hold(problem.delta),
         )
         for length in sorted({longest, longest - early}):
@@ -522,16 +524,16 @@ class Table:
     ) -> tuple[FloatArray, FloatArray]:
         """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: bool (M,).
 
-        The points are the predictions, clipped to the box of `next_bounds` (*Memory* in `sdhj.problem.sensing`). A
-        controller cannot go on where a prediction is farther from the box than errors explain; its point is then the
-        prediction, with which it begins anew.
+        The points are the predictions, clipped to the box of `bounds_of_next_points` (*Memory* in
+        `sdhj.problem.sensing`). A controller cannot go on where a prediction is farther from the box than errors
+        explain; its point is then the prediction, with which it begins anew.
 
         points : (M, ndim), those that the controller carried to the step.
         inputs : (M,) int, indices of the inputs that it applied from there.
         step : k, from 0 to N - 1; not checked.
         seen : (M, ndim), the predictions of step k + 1, on any lap around a periodic axis.
         """
-        low, high, off = self.next_bounds(points, inputs, step)
+        low, high, off = self.bounds_of_next_points(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
         turns = np.where(periodic, np.floor((seen - (low + high) / 2) / length + 0.5), 0.0) * length
         anywhere, near = periodic & (high - low >= length), seen - turns
@@ -540,7 +542,7 @@ class Table:
         lost = ~held.all(axis=1)
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
-    def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
+    def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
 
         An input passes if the true unsafe sets are not met at the state, at instants of the undisturbed path and, at
@@ -554,7 +556,7 @@ class Table:
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
-        self._decide(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))
+        self._fill_in_and_check(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:

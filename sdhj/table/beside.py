@@ -51,11 +51,11 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
     checked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
-    table._decide(checked, hazards, TRUE_SETS_ONLY, rows)
+    table._fill_in_and_check(checked, hazards, TRUE_SETS_ONLY, rows)
     chosen, hazard = checked.best, hazards[rows, checked.best]
     clear = (hazard <= 0.0) & checked.safe[rows, chosen] & ~table.grid.beyond(states, "fails", "holds")
     if table.proved or table.grid.has("frees"):  # not looked at, or not past such an end
-        checked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
+        checked.steps_to_go[table.problem.surely_in_no_tube(states, step, 1)] = NOT_ADMISSIBLE
     return chosen, (clear & (checked.steps_to_go > 0)).astype(np.int64), hazard
 
 
@@ -66,7 +66,7 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
     may be larger.
     """
     sides = _sides(table.grid.ndim)
-    ends = states[:, None, None] + table.problem.interval(step).reaches(states, sides)  # (M, L, corners, ndim)
+    ends = states[:, None, None] + table.problem.interval(step).reachable_points(states, sides)  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
     points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
     ahead = table._values_at(points, step + 1, left)
@@ -147,7 +147,7 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     if not delay:
         return np.where(off, measured, states)
     interval, parts = problem.interval(step).walled, 1 if problem.dynamics.constant else STRIDES
-    still = np.zeros((len(states), problem.dynamics.adversaries))
+    still = np.zeros((len(states), problem.dynamics.disturbance_dim))
     for part in range(parts):
         t = problem.time(step) - delay * (1 - part / parts)
         states = interval.advance(states, previous, still, t, delay / parts)

@@ -113,7 +113,7 @@ class Controller:
         As given; the problem is that of the table.
     all_left : bool
         Whether the rule chooses among all inputs after which the target can be reached by the last step.
-    timed : bool
+    depends_on_time : bool
         Whether answers depend on the step, which then has to be given.
     last : Action or None
         The last answer of `step`.
@@ -148,7 +148,7 @@ class Controller:
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
         self.all_left = bool(getattr(rule, "all_left", False))
-        self.timed = self.all_left or not self.problem.time_invariant  # whether answers depend on the step
+        self.depends_on_time = self.all_left or not self.problem.time_invariant  # whether answers depend on the step
         self._distances: dict[int, FloatArray] = {}  # of an input from all others
 
     # ---- one state
@@ -304,7 +304,7 @@ class Controller:
 
     def _at(self, step: int | None) -> int:
         """The step of a query, 0 where it was left out; ValueError where the answer depends on time then."""
-        if step is None and self.timed:
+        if step is None and self.depends_on_time:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
@@ -351,7 +351,7 @@ class Controller:
         within, details = self.table.steps - step, self.table.details
         if self.table.proved and self._in_target(states[0], step):
             return _message_in_target(states[0], step)
-        if self.problem.refuted(states, step, 1)[0]:
+        if self.problem.surely_in_no_tube(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "fails", "holds")[0]:
             where = "it is off the grid"
@@ -503,7 +503,7 @@ class Controller:
         problem, steps = self.problem, self.table.steps
         k, late, missed = self._sampling_time(time)
         last = None if k == 0 else self.last
-        step, previous = k if self.timed else 0, last.input if last else None
+        step, previous = k if self.depends_on_time else 0, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
         if problem.sensing.remembers and last and not missed and self.remembered:
@@ -512,7 +512,7 @@ class Controller:
             )
             state, missed = kept[0], bool(lost[0])
         batch = self.batch(state[None], step)
-        left = last.steps_to_go if last and not missed and not self.timed and problem.has_no_target else None
+        left = last.steps_to_go if last and not missed and not self.depends_on_time and problem.has_no_target else None
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
@@ -538,7 +538,7 @@ class Controller:
 
         time : s after the loop began.
         """
-        problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.timed else np.inf
+        problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.depends_on_time else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
         last = None if k == 0 else self.last
         if last is not None and k <= last.step:
@@ -596,10 +596,10 @@ class Controller:
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
         a certified table lets pass is proved. On a grid, where the value between nodes is wrong by a part of a cell, an
-        input passes only if its margin is at most -`SHIELDED` * `Table.cell`; where none does, it is the one of least
-        margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that
-        the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule
-        "deepest".
+        input passes only if its margin is at most -`SHIELDED` * `Table.change_over_cell`; where none does, it is the
+        one of least margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the
+        depth that the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is
+        that of rule "deepest".
 
         Parameters
         ----------
@@ -723,7 +723,7 @@ class Controller:
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
         if self.table.proved and isinstance(self.rule, str):
-            return self.table.chosen(batch, self.rule)
+            return self.table.choose_by_rule(batch, self.rule)
         asked = self.allowed(batch) if self.all_left else batch.safe
         scores = np.full(asked.shape, np.inf)
         rows, inputs = np.nonzero(asked)
@@ -740,7 +740,9 @@ class Controller:
         if self.table.proved or batch.game is not None:
             return batch.safe
         margins = np.where(batch.safe, batch.margins, np.inf)
-        return batch.safe & (margins <= np.maximum(-SHIELDED * self.table.cell, margins.min(axis=1, keepdims=True)))
+        return batch.safe & (
+            margins <= np.maximum(-SHIELDED * self.table.change_over_cell, margins.min(axis=1, keepdims=True))
+        )
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
         """The scores (M, L), with `otherwise` for inputs that keep no reserve, if the table has a game's value.
@@ -761,7 +763,9 @@ class Controller:
         """
         rows, inputs = np.nonzero(batch.safe)
         safe = batch.safe.copy()
-        safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.steps_after[rows])
+        safe[rows, inputs] = self.table.passes_true_sets(
+            batch.states[rows], inputs, batch.step, batch.steps_after[rows]
+        )
         return safe
 
     def scores(self, candidates: Candidates) -> FloatArray:

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.problem.checks import option, real_array
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Table
 from sdhj.table.controller import Controller
@@ -142,7 +142,7 @@ class CostToGo:
         self.problem, self.name = problem, f"cost to go of {named}"
         self._cost = _Cost(cost) if callable(cost) else COSTS[cost]
         shape = (table.steps + 1, 2, grid.size)
-        require(4 * int(np.prod(shape)), f"a cost to go at {grid.size:,} nodes and {table.steps + 1} steps")
+        require_memory(4 * int(np.prod(shape)), f"a cost to go at {grid.size:,} nodes and {table.steps + 1} steps")
         self._values = np.zeros(shape, np.float32)  # of each step J, 0 off the tube, and whether it is in the tube
         points, size = grid.points(), max(PAIRS // len(problem.inputs), 1)
         for step in tqdm(range(table.steps, -1, -1), desc="cost to go", unit="step", disable=hidden(progress)):

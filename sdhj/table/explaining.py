@@ -75,14 +75,14 @@ class Explanation:
         return "\n".join([self.says, *lines])
 
 
-def entry_named(table: Any, step: int, within: int) -> str:
+def tube_in_words(table: Any, step: int, within: int) -> str:
     """Which tube it is, in words after "the tube": "for step 2 with 3 steps to go", or "for ever"."""
     if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"
 
 
-def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
+def why_refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
     """A sentence if a state is off the grid, in an unsafe set or, with within = 0, outside the target; else "".
 
     By the level-set functions themselves, at the time of the step, without the tubes. Sets that are unsafe under some
@@ -104,17 +104,18 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
 
-    By the true sets first: of a state that these exclude (`refuted`) no inputs are explained. Then by the interpolated
-    values of that tube, of the next one and of the avoid tubes. With within = 0, and at step N, `failures` is empty.
+    By the true sets first: of a state that these exclude (`why_refuted`) no inputs are explained. Then by the
+    interpolated values of that tube, of the next one and of the avoid tubes. With within = 0, and at step N, `failures`
+    is empty.
 
     step : k, from 0 to N. within : n; None, or a number above N - step, for N - step. ValueError if q, step or within
         does not fit.
     """
     step, within = table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
-    if says := refuted(table, state, step, within):
+    if says := why_refuted(table, state, step, within):
         return Explanation(False, says)
-    entry, value = entry_named(table, step, within), table.values_at(state[None], step, np.array([within]))[0, 0]
+    entry, value = tube_in_words(table, step, within), table.values_at(state[None], step, np.array([within]))[0, 0]
     inside = bool(table.contains(state, start=step, within=within)[0])
     says = f"In the tube {entry}: its level there is {value:.3g}."
     if not inside:
@@ -125,8 +126,8 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
         return Explanation(inside, says)
     interval, ndim = table.problem.interval(step), table.grid.ndim
     corners, middles = (np.array(list(product(sides, repeat=ndim))) for sides in ((0.0, 1.0), (0.0, 0.5, 1.0)))
-    ends = interval.reaches(state, corners)[0]
-    margins = _margins(table, state, interval.reaches(state, middles)[0], step, within - 1)
+    ends = interval.reachable_points(state, corners)[0]
+    margins = _margins(table, state, interval.reachable_points(state, middles)[0], step, within - 1)
     hazards, batch = table.hazards(state, step)[0], table.batch(state, step, within)
     safe = batch.safe[0] & (batch.steps_after[0] == within - 1) if inside else np.zeros(len(margins), np.bool_)
     failures = [
@@ -175,7 +176,7 @@ def _failure(
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
         return Failure(j, name, -float(hazard), says)
     if margin > 0:
-        next_tube = entry_named(table, step + 1, left)
+        next_tube = tube_in_words(table, step + 1, left)
         says = f"it may lead out of the tube {next_tube}, whose level reaches {margin:.3g} > 0"
         return Failure(j, "image", -float(margin), says)
     says = "the nodes around the state do not all mark it, or it comes too near a true set between them"

@@ -29,7 +29,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.describing import TOLD, arrays_of, described, digest_of
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import MOST_SAMPLED, ReachAvoidProblem
 from sdhj.problem.restoring import problem_from, tables_of, what_differs
 from sdhj.problem.sensing import Sensing
@@ -106,7 +106,7 @@ def _temporary(path: Path) -> Iterator[Path]:
         try:
             temporary.touch()
         except OSError as error:
-            raise unwritable(path.parent, error) from error
+            raise unwritable_error(path.parent, error) from error
         yield temporary
     finally:
         with suppress(OSError):
@@ -120,7 +120,7 @@ def writable_file(path: Named) -> Path:
     OSError, with what to do, if not; ValueError if `path` is no name. Nothing is left in the folder by trying.
     """
     path = _regular(path)
-    probed(path.parent, path.name)
+    require_writable(path.parent, path.name)
     return path
 
 
@@ -146,7 +146,7 @@ def _regular(path: Named) -> Path:
     return path
 
 
-def probed(folder: Path, name: str = "probe") -> None:
+def require_writable(folder: Path, name: str = "probe") -> None:
     """Raise OSError, with a message that says what to do, if a file cannot be written in a folder.
 
     An empty file with a hidden name is made there and deleted.
@@ -157,7 +157,7 @@ def probed(folder: Path, name: str = "probe") -> None:
         pass
 
 
-def unwritable(folder: Path, error: OSError) -> OSError:
+def unwritable_error(folder: Path, error: OSError) -> OSError:
     """An OSError, which the caller raises, that says that a folder cannot be written, why, and what to do."""
     why = error.strerror or error
     return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
@@ -177,7 +177,7 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
 
     OSError if the file cannot be written; ValueError if the head is too long.
     """
-    about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
+    about = make_head(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
     if len(text) > MOST_HEAD:
         raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and at most {MOST_HEAD:,} fit")
@@ -201,7 +201,7 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
         raise OSError(f"{error}; the table takes {size:.0f} MB and is still in memory: save it elsewhere") from error
 
 
-def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
+def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
     """The head of a table's file, for JSON: version, method, details, problem and digest; all but the arrays.
 
     digest : of the problem, `problem.digest`.
@@ -216,16 +216,16 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
     } | described(problem)
 
 
-def header(path: Named) -> dict[str, Any]:
+def read_head(path: Named) -> dict[str, Any]:
     """The head of a table's file, as `checked_head` returns it; the arrays are not read.
 
     The errors are those of `sdhj.load`: OSError, TableFileError, MemoryError, and ValueError if `path` is no name.
     """
-    with opened(path) as (head, _):
+    with opened_table(path) as (head, _):
         return head
 
 
-def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
+def read_array(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
     """Read an array of a file, after checking that the file contains it, its dtype and its shape.
 
     kinds : the names of the allowed dtypes in one string, separated by spaces.
@@ -249,7 +249,7 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
         raise ValueError(f"its array {name} of {data.nbytes:,} bytes has too few of them in the file, or large chunks")
     if most is not None and data.nbytes > most:
         raise ValueError(f"its array {name} has {data.nbytes:,} bytes, and at most {most:,} are read")
-    require(data.nbytes, f"the array {name} of the file", "close other programs")
+    require_memory(data.nbytes, f"the array {name} of the file", "close other programs")
     return data[()]
 
 
@@ -260,7 +260,7 @@ def fits(found: tuple[int, ...], shape: Lengths) -> bool:
 
 
 @contextmanager
-def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+def opened_table(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
     """A context with the head of a table's file, as `checked_head` returns it, and its HDF5 file, open for reading.
 
     The digest of the file is checked before anything else is read. FileNotFoundError or OSError if it cannot be read,
@@ -292,7 +292,7 @@ def _require_memory(file: h5py.File) -> None:
     """Raise MemoryError, before anything is read, where all arrays of a file together do not fit into memory."""
     needed: list[int] = []
     file.visititems(lambda name, one: needed.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
-    require(sum(needed), "all that is in the file", "close other programs, or use a machine with more memory")
+    require_memory(sum(needed), "all that is in the file", "close other programs, or use a machine with more memory")
 
 
 def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
@@ -333,7 +333,7 @@ def checked_head(head: Any) -> dict[str, Any]:
     "grid" becomes a Grid, "sensing" a Sensing, "inputs" an array (L, m). "recipe" is a dict, empty unless a case study
     built the problem. "told" is added: the head's own entries on the problem, unconverted, of which "digest" is the
     digest. If the head is invalid, one of various errors is raised (KeyError, TypeError, ValueError, ...), which
-    `opened` turns into TableFileError.
+    `opened_table` turns into TableFileError.
     """
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
@@ -368,7 +368,7 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
             raise ValueError(f"its {group} are no group of arrays")
         left = MOST_TABLES
         for name in (f"{group}/{one}" for one in file[group]):
-            found[name] = stored(file, name, "float64", None, left)
+            found[name] = read_array(file, name, "float64", None, left)
             left -= found[name].nbytes
     return found
 

@@ -18,16 +18,16 @@ class Kept:
     ----------
     method : Method
         The object by which it was solved; None if nothing was kept.
-    each : mapping
+    avoid_tubes_by_danger : mapping
         By a key of all that they depend on (`Former.key`), the avoid tubes of each unsafe set alone: (L, *subgrid) for
         each step. Empty where there is one set, whose tubes the table has.
-    still : mapping
+    frame_solutions : mapping
         By (step, within), the solution of the PDE in the moving frame, before it is shifted by what each input does.
     """
 
     method: object
-    each: Mapping[Meaning, Sequence[FloatArray]] = field(default_factory=dict)
-    still: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
+    avoid_tubes_by_danger: Mapping[Meaning, Sequence[FloatArray]] = field(default_factory=dict)
+    frame_solutions: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled and loaded it is None, as another process may round otherwise."""
@@ -36,4 +36,4 @@ class Kept:
     @property
     def nbytes(self) -> int:
         """Bytes of the arrays that are kept."""
-        return sum(one.nbytes for one in chain(*self.each.values(), self.still.values()))
+        return sum(one.nbytes for one in chain(*self.avoid_tubes_by_danger.values(), self.frame_solutions.values()))

@@ -40,7 +40,7 @@ class Relay:
         states = np.asarray(states, dtype=np.float64)
         out = np.full((len(states), 2), -1)
         for i, controller in enumerate(self.controllers):
-            at = step if controller.timed else 0
+            at = step if controller.depends_on_time else 0
             if at <= controller.table.steps:
                 batch = controller.batch(states, at)
                 admitted = batch.steps_to_go >= 0

@@ -41,10 +41,10 @@ from sdhj.table.files import (
     TableFileError,
     checked_head,
     fits,
-    probed,
     problem_of_file,
     replaced_whole,
-    unwritable,
+    require_writable,
+    unwritable_error,
 )
 from sdhj.table.table import AvoidTubes, LookupTable, ascending_axes
 
@@ -206,9 +206,9 @@ def index_of(runs: Runs) -> Any:
 class Arrays:
     """The arrays of a table, read and written a slab at a time: base of `Memory` and `Store`.
 
-    To write a slab: fill in what `buffers` returns, hand it to `write`, and the digest that this returns to `enter`, in
-    the process that keeps the ledger; `there` then says that the slab is finished. A subclass implements `entry`,
-    `whole`, `write`, `enter` and `there`.
+    To write a slab: fill in what `buffers` returns, hand it to `write`, and the digest that this returns to
+    `record_finished`, in the process that keeps the ledger; `is_finished` then says that the slab is finished. A
+    subclass implements `entry`, `whole`, `write`, `record_finished` and `is_finished`.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ class Memory(Arrays):
         one = self.layout.slabs == 1
         return [self.entry(array, slab.position) for array in slab.arrays] if one else super().buffers(slab)
 
-    def there(self, slab: Slab) -> bool:
+    def is_finished(self, slab: Slab) -> bool:
         """Whether a slab is finished already: always False, as nothing in memory outlasts a solve."""
         return False
 
@@ -303,7 +303,7 @@ class Memory(Arrays):
                 part[...] = one
         return ""
 
-    def enter(self, slab: Slab, digest: str) -> None:
+    def record_finished(self, slab: Slab, digest: str) -> None:
         """Do nothing: in memory no ledger is kept of finished slabs."""
 
     def whole(self, array: str) -> FloatArray:
@@ -327,21 +327,22 @@ class Store(Arrays):
     path : Path
         The folder.
     layout : Shapes
-    seal : str
+    head_digest : str
         The digest of the head, which goes into all other digests.
     begins : dict
         The offset in bytes at which each array begins in its file; read at first use.
-    entered : dict
-        The digest of each finished slab (`Slab`); the ledger, read at first use and kept up to date by `enter`.
+    finished_slabs : dict
+        The digest of each finished slab (`Slab`); the ledger, read at first use and kept up to date by
+        `record_finished`.
     """
 
-    def __init__(self, path: Path, layout: Shapes, seal: str) -> None:
-        """A store that exists at a path, of this layout, whose head has the digest `seal`; nothing is read yet."""
-        self.path, self.layout, self.seal = path, layout, seal
+    def __init__(self, path: Path, layout: Shapes, head_digest: str) -> None:
+        """A store that exists at a path, of this layout, with the digest of its head; nothing is read yet."""
+        self.path, self.layout, self.head_digest = path, layout, head_digest
 
     def __reduce__(self) -> Any:
-        """Pickled are path, layout and seal, from which a worker reads and writes the same files."""
-        return Store, (self.path, self.layout, self.seal)
+        """Pickled are path, layout and `head_digest`, from which a worker reads and writes the same files."""
+        return Store, (self.path, self.layout, self.head_digest)
 
     # ---- the files of arrays
 
@@ -387,7 +388,7 @@ class Store(Arrays):
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
         """Write the arrays of a slab to the files and flush them to the disk; returns the slab's digest.
 
-        It is not yet entered in the ledger (`enter`). OSError, with what to do, if it cannot be written.
+        It is not yet entered in the ledger (`record_finished`). OSError, with what to do, if it cannot be written.
         """
         with self._writing():
             for array, one in zip(slab.arrays, values, strict=True):
@@ -425,7 +426,7 @@ class Store(Arrays):
     # ---- the ledger
 
     @cached_property
-    def entered(self) -> dict[Slab, str]:
+    def finished_slabs(self) -> dict[Slab, str]:
         """The digests of the finished slabs, as the ledger has them; read once.
 
         Lines that were cut short, and lines for slabs that the layout does not have, are ignored; of a slab with
@@ -437,12 +438,12 @@ class Store(Arrays):
         possible = set(self.layout.slabs_with(self.layout.tubes))
         return {slab: digest for slab, digest in found.items() if slab in possible}
 
-    def there(self, slab: Slab) -> bool:
+    def is_finished(self, slab: Slab) -> bool:
         """Whether the ledger has a line for a slab, that is whether the slab is finished."""
-        return slab in self.entered
+        return slab in self.finished_slabs
 
-    def enter(self, slab: Slab, digest: str) -> None:
-        """Add a line for a finished slab to the ledger, flush it to the disk, and add it to `entered`.
+    def record_finished(self, slab: Slab, digest: str) -> None:
+        """Add a line for a finished slab to the ledger, flush it to the disk, and add it to `finished_slabs`.
 
         A line break comes first, as the line before may have been cut short. OSError, with what to do.
         """
@@ -450,11 +451,11 @@ class Store(Arrays):
             stream.write(f"\n{slab.array} {slab.position} {slab.number} {digest}\n".encode())
             stream.flush()
             os.fsync(stream.fileno())
-        self.entered[slab] = digest
+        self.finished_slabs[slab] = digest
 
     def digest(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """SHA-256, in hexadecimal, of the seal, the slab's array, position and number, and its values."""
-        found = hashlib.sha256(f"{self.seal} {slab.array} {slab.position} {slab.number}\n".encode())
+        """SHA-256, in hexadecimal, of `head_digest`, the slab's array, position and number, and its values."""
+        found = hashlib.sha256(f"{self.head_digest} {slab.array} {slab.position} {slab.number}\n".encode())
         for one in values:
             found.update(np.ascontiguousarray(one).reshape(-1).data)
         return found.hexdigest()
@@ -464,14 +465,14 @@ class Store(Arrays):
 
         TableFileError if a slab is not in the ledger, or if its digest is another; the message says what to delete.
         """
-        if missing := [slab for slab in slabs if slab not in self.entered]:
+        if missing := [slab for slab in slabs if slab not in self.finished_slabs]:
             raise TableFileError(
                 f"{len(missing)} slabs of {self.path} are not in its ledger, first {' '.join(map(str, missing[0]))}; "
                 "solve with resume=True, which makes them anew"
             )
         for slab in slabs:
             found = [self.read(array, slab.position, self.layout.runs(array, slab.number)) for array in slab.arrays]
-            if self.digest(slab, found) != self.entered[slab]:
+            if self.digest(slab, found) != self.finished_slabs[slab]:
                 line = " ".join(map(str, slab))
                 raise TableFileError(
                     f"{self.file(slab.array)} is damaged, or parts of it are not what was written there: place "
@@ -492,7 +493,7 @@ class Store(Arrays):
                 with open(self.file(array), "r+b") as stream:
                     write_header(stream, self.layout, array, int(index.max()) + 1)
             with replaced_whole(self.path / "index") as file:
-                file.write_text(sealed_text({"index": index.tolist(), "details": dict(details)}, self.seal))
+                file.write_text(text_with_digest({"index": index.tolist(), "details": dict(details)}, self.head_digest))
 
     def whole(self, array: str, kinds: str = "", shape: Lengths | None = None) -> FloatArray:
         """A whole array, mapped read-only; -inf, in memory, for avoid tubes on no axes.
@@ -559,7 +560,7 @@ def load_stored(
     store, head, problem = opened_store(path, problem)
     if not (store.path / "index").is_file():
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
-    content = _unsealed(store.path / "index", store.seal)[0]
+    content = _content_of_text(store.path / "index", store.head_digest)[0]
     with readable(store.path):
         index, fields = np.array(content["index"], dtype=np.int64), {"player": player, "folder": store.path}
         found = StoredTable.of_arrays(head, store.whole, index, problem, **fields)
@@ -569,7 +570,7 @@ def load_stored(
 
 
 def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
-    """The head of a store, finished or not, as `checked_head` returns it, and its digest, the seal.
+    """The head of a store, finished or not, as `checked_head` returns it, and its digest.
 
     If the store is finished, "details" are those of the solve. FileNotFoundError if there is none at `path`;
     TableFileError if it is damaged or of another version.
@@ -581,13 +582,13 @@ def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
         )
     if not (path / "head").is_file():
         raise FileNotFoundError(f"no store {path}; write one with sdhj.solve(problem, store=...)")
-    head, seal = _unsealed(path / "head")
+    head, head_digest = _content_of_text(path / "head")
     with readable(path):
         if head["store"] != STORE_FORMAT:
             raise ValueError(f"it has store version {head['store']}, and this sdhj reads {STORE_FORMAT}")
         if (path / "index").is_file():
-            head["details"] = _unsealed(path / "index", seal)[0]["details"]
-        return checked_head(head), seal
+            head["details"] = _content_of_text(path / "index", head_digest)[0]["details"]
+        return checked_head(head), head_digest
 
 
 def opened_store(
@@ -597,10 +598,10 @@ def opened_store(
 
     problem : needed if it has black boxes. Errors are those of `sdhj.load`.
     """
-    (head, seal), path = head_of_store(path), Path(os.path.abspath(path))
+    (head, head_digest), path = head_of_store(path), Path(os.path.abspath(path))
     with readable(path):
         problem = problem_of_file(path, head, functions_of(path), problem)
-        return Store(path, shapes_of(problem, head), seal), head, problem
+        return Store(path, shapes_of(problem, head), head_digest), head, problem
 
 
 def shapes_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Shapes:
@@ -621,17 +622,17 @@ def functions_of(path: Path) -> dict[str, FloatArray]:
 
 
 def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArray], layout: Shapes) -> str:
-    """Make a new store: a folder with the head, empty arrays, an empty ledger and `functions`. Returns its seal.
+    """Make a new store: a folder with head, empty arrays, empty ledger and `functions`. Returns the head's digest.
 
     It is made under a temporary name and appears when it is complete. functions : the arrays that formulas look up and
     the values of black boxes, by name. FileExistsError if there is something of that name, OSError, with what to do, if
     it cannot be written.
     """
-    probed(path.parent)
+    require_writable(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}")
     try:
         temporary.mkdir()
-        text = sealed_text(head)
+        text = text_with_digest(head)
         (temporary / "head").write_text(text)
         (temporary / "ledger").touch()
         for name, values in functions.items():
@@ -644,7 +645,7 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
         os.rename(temporary, path)
     except OSError as error:
         require_free_name(path)
-        raise unwritable(path.parent, error) from error
+        raise unwritable_error(path.parent, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return text.partition("\n")[0]
@@ -665,21 +666,21 @@ def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
     stream.truncate(stream.tell() + math.prod(shape) * kind.itemsize)
 
 
-def sealed_text(content: Mapping[str, Any], seal: str = "") -> str:
-    """A mapping as JSON, after a line with the SHA-256 of `seal` and that JSON."""
+def text_with_digest(content: Mapping[str, Any], head_digest: str = "") -> str:
+    """A mapping as JSON, after a line with the SHA-256 of `head_digest` and that JSON."""
     text = json.dumps(content, sort_keys=True)
-    return f"{hashlib.sha256(f'{seal}{text}'.encode()).hexdigest()}\n{text}\n"
+    return f"{hashlib.sha256(f'{head_digest}{text}'.encode()).hexdigest()}\n{text}\n"
 
 
-def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
-    """The mapping in a file of `sealed_text`, and the digest in its first line.
+def _content_of_text(file: Path, head_digest: str = "") -> tuple[Any, str]:
+    """The mapping in a file of `text_with_digest`, and the digest in its first line.
 
-    TableFileError if the file cannot be read, or its digest is not that of `seal` and its JSON.
+    TableFileError if the file cannot be read, or its digest is not that of `head_digest` and its JSON.
     """
     with readable(file):
         text = file.read_text()
         content = json.loads(text.partition("\n")[2])
-        if sealed_text(content, seal) != text:
+        if text_with_digest(content, head_digest) != text:
             raise ValueError("its digest is another")
     return content, text.partition("\n")[0]
 

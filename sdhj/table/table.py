@@ -23,13 +23,13 @@ from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
 from sdhj.kernels.true_sets import TUBES
 from sdhj.kernels.tubes import avoid_values, tube_values
-from sdhj.problem.checks import axis_numbers, sealed
+from sdhj.problem.checks import axis_numbers, read_only_view
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.uncertain import shrunk, worst_around
+from sdhj.problem.uncertain import eroded_by_error, largest_in_error_box
 from sdhj.table.ahead import NO_TAPES, tapes_of
 from sdhj.table.batches import NOWHERE, Batch, Player, Table, entry
-from sdhj.table.files import PACKING, stored, written_table
+from sdhj.table.files import PACKING, read_array, written_table
 from sdhj.table.keeping import Kept
 
 QUIET = 5  # steps over which the motion of a boundary is measured
@@ -196,7 +196,7 @@ class LookupTable(Table):
         """The marks of the tube (start, within) themselves, (bytes, size) uint8; writable until `finish`."""
         return self.marks[self.tube_index(start, within)]
 
-    def share(self, start: int, within: int) -> None:
+    def repeat(self, start: int, within: int) -> None:
         """Let (start, within) be the same stored tube as (start, within - 1), with its marks: writes the index.
 
         Later tubes move up by one position, so call it before they are computed, in place of computing this one;
@@ -213,7 +213,7 @@ class LookupTable(Table):
             asked = self.index[: 2 * self.problem.most_steps + 1] if self.problem.steps is None else self.index
             asked[asked >= place] -= 1
 
-    def motion(self, start: int, within: int) -> float:
+    def boundary_speed(self, start: int, within: int) -> float:
         """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average.
 
         It compares (start, within) with (start, within - QUIET). The average is over the edges between neighbouring
@@ -233,7 +233,7 @@ class LookupTable(Table):
             count += int(np.count_nonzero(now | then))
         return moved / (QUIET * max(count, 1))
 
-    def unrest(self, within: int) -> float:
+    def level_set_speed(self, within: int) -> float:
         """By how many cells a step all level sets in the tube (0, within) moved in the last `QUIET` steps, on average.
 
         It is the mean change per step of the values at the nodes inside, divided by the mean difference of neighbours
@@ -316,7 +316,7 @@ class LookupTable(Table):
         >>> values.shape, problem.grid.nodes(0)[values <= 0][[0, -1]]
         ((81,), array([-2.1,  2.1]))
         """
-        return sealed(self.value_array(start, within))
+        return read_only_view(self.value_array(start, within))
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are safe and make progress at each node: a mask, bool of shape grid.shape + (L,), new.
@@ -349,11 +349,11 @@ class LookupTable(Table):
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether points (M, ndim) are in a tube: interpolated value <= 0; with sensing in all of the box E."""
-        return worst_around(self.problem, self.value_array(start, within), points) <= 0
+        return largest_in_error_box(self.problem, self.value_array(start, within), points) <= 0
 
     def _share(self, start: int, within: int) -> float:
         """The share, 0 to 1, of the grid's volume in a tube, by nodes; with sensing of the tube eroded by E."""
-        return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
+        return self.grid.fraction(eroded_by_error(self.problem, self.value_array(start, within)) <= 0)
 
     @property
     def nbytes(self) -> int:
@@ -381,8 +381,8 @@ class LookupTable(Table):
         tube_values(points, places, self._stored[1], *self.packed_at(step), out)
         return out
 
-    def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """As `sdhj.table.batches.Table._decide`: fill in some rows of a batch, and check them by the true sets.
+    def _fill_in_and_check(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
+        """As `Table._fill_in_and_check`: fill in some rows of a batch, and check them by the true sets.
 
         By compiled code where all level-set functions are formulas; in Python where one is a black box, or where a
         formula was undefined, which there raises an error that says so.
@@ -390,15 +390,15 @@ class LookupTable(Table):
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._all_formulas:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
-            ends = NOWHERE if played else interval.ahead(states if alike else states[rows])
+            ends = NOWHERE if played else interval.displacement_sets(states if alike else states[rows])
             done = self._call(batch, rows, ends, scores, checks)
         if not done:  # with black boxes, or to say what is undefined
-            super()._decide(batch, scores, checks, rows)
+            super()._fill_in_and_check(batch, scores, checks, rows)
 
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+    def _fill_in_by_tubes(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         """Fill in some rows (R,) of a batch in place by interpolation and marks, without the true sets.
 
-        ends : (4 + K, L, ndim, 1 or R), what inputs lead to from these rows (`Interval.ahead`).
+        ends : (4 + K, L, ndim, 1 or R), what inputs lead to from these rows (`Interval.displacement_sets`).
         """
         self._call(batch, rows, ends, batch.margins, TUBES)
 
@@ -407,8 +407,8 @@ class LookupTable(Table):
 
         False if a formula was undefined at one of the states; what is in the rows is then undefined.
 
-        The arguments are those of `sdhj.table.batches.Table._decide`, and ends (4 + K, L, ndim, 1 or R), what the
-        inputs lead to from these rows, as `Interval.ahead` returns it.
+        The arguments are those of `sdhj.table.batches.Table._fill_in_and_check`, and ends (4 + K, L, ndim, 1 or R),
+        what the inputs lead to from these rows, as `Interval.displacement_sets` returns it.
         """
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
@@ -477,9 +477,9 @@ class LookupTable(Table):
 
         ValueError if file and problem do not fit together.
         """
-        index = stored(file, "index", "int64", (len(entries(problem.most_steps)),))
+        index = read_array(file, "index", "int64", (len(entries(problem.most_steps)),))
         names = {"marks": "masks"} if "masks" in file else {}  # as files called them at first
-        read = partial(stored, file)
+        read = partial(read_array, file)
         return cls.of_arrays(head, lambda name, *rest: read(names.get(name) or name, *rest), index, problem)
 
     @classmethod

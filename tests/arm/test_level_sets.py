@@ -47,7 +47,7 @@ def test_level_sets_are_short_formulas(kinematics: str, rng: np.random.Generator
     ):
         read = formula(function, axes, 2 if function == view.obstacles_swept_value else 1)
         assert len(ordered(read.outputs)) <= most
-        assert read.timed == (axes == 2) and read.reads.all()
+        assert read.depends_on_time == (axes == 2) and read.reads.all()
         times = [(0.3,), (0.3, 0.4)][read.parameters - 1]
         check(function, read, [-3.1, -3.1, -0.36, -0.36][:axes], [3.1, 3.1, 0.36, 0.36][:axes], times, rng)
 

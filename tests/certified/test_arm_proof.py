@@ -10,7 +10,7 @@ from naive_certified import SMALL
 
 import sdhj
 from sdhj.arm.case_studies import scene
-from sdhj.certified.cells import measured, velocity_bounds
+from sdhj.certified.cells import as_rounded_fraction, velocity_bounds
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def clear(small):
 
 def images(table, axis):
     """First cell of the image of each cell of an axis and how many there are, for each input, from exact velocities."""
-    problem, cells, delta = table.problem, table.axes[axis], measured(table.problem.delta)
+    problem, cells, delta = table.problem, table.axes[axis], as_rounded_fraction(table.problem.delta)
     speeds = [velocity_bounds(problem, axis, j) for j in range(len(problem.inputs))]
     return [cells.image(slow * delta, fast * delta) for slow, fast in speeds]
 

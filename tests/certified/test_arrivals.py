@@ -63,7 +63,7 @@ def test_no_state_of_a_cell_that_arrives_is_outside_the_target(name):
             continue
         for turned in (1.0, -1.0):
             states = np.where(rng.random(cells.shape) < 0.5, *ends)
-            push = rng.choice([-1.0, 1.0], (len(cells), problem.dynamics.adversaries))
+            push = rng.choice([-1.0, 1.0], (len(cells), problem.dynamics.disturbance_dim))
             for part in range(100):
                 t = problem.time(step) + problem.delta * part / 100
                 v = push * problem.dynamics.bounds_at(j, t) * (turned if part >= 50 else 1.0)

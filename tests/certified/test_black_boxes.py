@@ -95,7 +95,7 @@ def test_slopes_bound_every_kind_of_change(rng):
 
     for slope in (np.sqrt(5.0), (2.0, 1.0)):
         part = sdhj.UnsafeSet((0, 1), sdhj.BlackBox(flat, slope=slope, rate=3.0))
-        least, most = Bounds(problem).level(part, low, high, 0.1, 0.4)
+        least, most = Bounds(problem).bounds_of_level_set(part, low, high, 0.1, 0.4)
         values = np.array([flat(low + (high - low) * share, t) for share, t in corners(rng)])
         assert (least <= values).all() and (values <= most).all()
         exact = (high - low) @ [2.0, 1.0] + 0.9
@@ -186,7 +186,7 @@ def test_a_box_across_the_seam_has_values_of_both_sides(slope):
     problem = torus_problem()
     part = sdhj.UnsafeSet((1,), lambda q, t: slope * q[:, 0])
     for each in (part, opaque(part, slope=1.0, rate=0.0)):
-        least, most = Bounds(problem).level(each, np.array([[3.0]]), np.array([[3.5]]), 0.0, 0.0)
+        least, most = Bounds(problem).bounds_of_level_set(each, np.array([[3.0]]), np.array([[3.5]]), 0.0, 0.0)
         np.testing.assert_allclose([least[0], most[0]], [-np.pi, np.pi], rtol=1e-8)
 
 

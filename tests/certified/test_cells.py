@@ -8,17 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sdhj
-from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds
+from sdhj.certified.cells import CellAxis, aligned_width, as_fraction, as_rounded_fraction, period_bounds
 
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
 
 
 def angle_axis(width=Fraction(3, 100)):
-    return CellAxis(exact(-np.pi), period_bounds(-np.pi, np.pi), width, True)
+    return CellAxis(as_fraction(-np.pi), period_bounds(-np.pi, np.pi), width, True)
 
 
 def test_cells_partition_the_axis():
-    for axis in (angle_axis(), CellAxis(exact(-0.36), (Fraction(72, 100),) * 2, Fraction(1, 50), False)):
+    for axis in (angle_axis(), CellAxis(as_fraction(-0.36), (Fraction(72, 100),) * 2, Fraction(1, 50), False)):
         edges = axis.edges()
         assert np.all(np.diff(edges) > 0)
         assert edges[0] == float(axis.lower)
@@ -68,7 +68,7 @@ def test_image_holds_the_worst_adversary(periodic, extent, cells, drift, push, d
 
 def test_image_loses_nothing_where_cells_are_aligned():
     axis = angle_axis(Fraction(3, 200))
-    first, number = axis.image(measured(0.12), measured(0.18))
+    first, number = axis.image(as_rounded_fraction(0.12), as_rounded_fraction(0.18))
     inner = slice(0, axis.count - 30)
     np.testing.assert_array_equal(first[inner], np.arange(axis.count - 30) + 8)
     assert set(number[inner]) == {5}

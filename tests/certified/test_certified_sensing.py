@@ -116,7 +116,7 @@ def test_what_an_interval_does_to_predictions():
     sensing = Sensing(0.03, 0.2, 0.05, memory=False)
     problem, method = replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,))
     proof, off = GeneralProof.of(problem, method.axes(problem), 10), 0.03 + 0.2 * 0.2
-    tubes, last = proof.reached(np.array([0]), 2, 0.2, 2)  # at 0.8 to 1.2, for 0.4 to 0.6 s
+    tubes, last = proof.tubes_of_places(np.array([0]), 2, 0.2, 2)  # at 0.8 to 1.2, for 0.4 to 0.6 s
     np.testing.assert_allclose(last[0, 0], [0.8 * 0.4 - 2 * off, 1.2 * 0.6 + 2 * off], atol=1e-8)
     np.testing.assert_allclose(tubes[0, :, 0, 0], -off + 0.8 * 0.06 * np.arange(10), atol=1e-8)
     np.testing.assert_allclose(tubes[0, :, 0, 1], off + 1.2 * 0.06 * np.arange(1, 11), atol=1e-8)

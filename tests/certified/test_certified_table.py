@@ -6,19 +6,14 @@ import re
 import subprocess
 import sys
 
-import h5py
 import numpy as np
 import pytest
-from forging import forged
 from toys import interval_problem
 
 import sdhj
 from sdhj.certified import Certified, CertifiedTable
 from sdhj.certified import sets as sets_module
-from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels
-from sdhj.problem import memory as memory_module
-from sdhj.table.files import header
 
 
 @pytest.fixture(scope="module")
@@ -72,18 +67,6 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
         text=True,
     )
     assert done.stdout.strip() == "3000", done.stderr
-
-
-def test_round_trip(table, tmp_path):
-    table.save(tmp_path / "certified.h5")
-    loaded = sdhj.load(tmp_path / "certified.h5")
-    assert isinstance(loaded, CertifiedTable)
-    for k in range(4):
-        for n in range(4 - k):
-            assert loaded.fraction(start=k, within=n) == table.fraction(start=k, within=n)
-    assert np.array_equal(loaded.inputs(start=0, within=2), table.inputs(start=0, within=2))
-    told = header(tmp_path / "certified.h5")
-    assert told["method"] == "certified" and "obstacles" in told["recipe"]["arguments"]
 
 
 @pytest.mark.parametrize("adversary", ["random", "aggressive", "worst"])
@@ -144,18 +127,6 @@ def test_solve_makes_certified_tables(monkeypatch):
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
 
 
-def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
-    monkeypatch.setattr(memory_module, "available", lambda: (10_000_000, "are available"))
-    with pytest.raises(MemoryError, match=r"cells needs about .* GB, but only 0.01 GB are available; use fewer cells"):
-        sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), Certified(cells=(210, 210, 36, 36)))
-
-
-def test_solve_certifies_a_problem_of_ones_own():
-    problem = interval_problem(steps=2)
-    table = sdhj.solve(problem, Certified(cells=[40]), progress=False)
-    assert sdhj.monte_carlo(sdhj.Controller(table), 200, "worst", progress=False).counts["reached"] == 200
-
-
 @pytest.mark.slow
 def test_labels_part_the_states_of_a_tube(table):
     grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
@@ -190,31 +161,6 @@ def test_labels_refuse_other_problems_of_ones_own():
 
 
 @pytest.mark.slow
-def test_what_is_checked_is_what_is_loaded(table, tmp_path):
-    """There is one recipe in a file: it is checked, and neither it nor the digest can be another one's."""
-    path, other = tmp_path / "forged.h5", sdhj.arm_case_study(nodes=9, steps=3, v_p_max=0.6)
-    table.save(path)
-    with forged(path) as (told, _):
-        told["recipe"] = dict(other.recipe)
-    with pytest.raises(ValueError, match="velocities of the head must be those of its recipe"):
-        verify(path, samples=60)
-    with pytest.raises(sdhj.TableFileError, match="solved for another problem"):
-        sdhj.load(path)
-
-
-@pytest.mark.parametrize("name", ["index", "pool", "allowed"])
-def test_a_flipped_bit_is_noticed(table, tmp_path, name):
-    path = tmp_path / "flipped.h5"
-    table.save(path)
-    with h5py.File(path, "r+") as file:
-        data = file[name][()]
-        data.flat[data.size // 2] ^= 1
-        file[name][...] = data
-    with pytest.raises(sdhj.TableFileError, match="damaged"):
-        sdhj.load(path)
-
-
-@pytest.mark.slow
 def test_verify_from_the_command_line(table, tmp_path):
     from click.testing import CliRunner
 
@@ -238,8 +184,3 @@ def test_cells_that_are_no_numbers_of_cells(cells):
 def test_cells_are_one_number_for_each_axis():
     with pytest.raises(ValueError, match=r"cells must be one number for each of the 1 axes, got \[40, 40\]"):
         Certified(cells=[40, 40]).sets(interval_problem(steps=1))
-
-
-def test_a_problem_of_ones_own_with_too_many_cells_is_refused_at_once():
-    with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*use fewer cells"):
-        Certified(cells=[10**9]).sets(interval_problem(steps=1))

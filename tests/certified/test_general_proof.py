@@ -84,7 +84,7 @@ def test_general_reach_box_holds_every_trajectory(rng, problem):
     cells = np.stack(np.unravel_index(proof.layout.begin[places], proof.layout.counts), axis=1)
     low, high = edges[range(3), cells], edges[range(3), cells + 1]
     for j in range(3):
-        tubes, last = proof.reached(places, j, 0.0, 2)
+        tubes, last = proof.tubes_of_places(places, j, 0.0, 2)
         for _ in range(10):
             states = np.where(rng.random(low.shape) < 0.5, low, high)
             sign = rng.choice([-1.0, 1.0], (len(low), 2)) * 0.1
@@ -102,7 +102,7 @@ def test_damped_motion_shrinks():
     dynamics = sdhj.Dynamics([[0.0]], lambda q, u: -q, [[0.0]], [0.0])
     problem = dataclasses.replace(interval_problem(unsafe=False, ends="unsafe"), dynamics=dynamics)
     proof = proof_of(problem, (80,), parts=10)
-    _, last = proof.reached(np.array([60]), 0, 0.0, 8)
+    _, last = proof.tubes_of_places(np.array([60]), 0, 0.0, 8)
     low, high = proof.layout.edges[0, 60:62]
     exact = [low * np.exp(-0.5), high * np.exp(-0.5)]
     found = [low + last[0, 0, 0], high + last[0, 0, 1]]
@@ -207,7 +207,7 @@ def test_general_bounds_hold_over_boxes_and_times(rng):
     low = rng.uniform(-3, 3, (500, 2))
     high = low + rng.uniform(0, 0.3, (500, 2))
     for part in (disk, dataclasses.replace(disk, level_set=hidden)):
-        least, most = Bounds(problem).level(part, low, high, 0.4, 0.45)
+        least, most = Bounds(problem).bounds_of_level_set(part, low, high, 0.4, 0.45)
         assert (least > -2.0).all() and np.median(most - least) < 0.6
         for _ in range(50):
             states = rng.uniform(low, high)
@@ -224,7 +224,7 @@ def test_signs_are_those_of_each_box_and_of_its_pieces(rng):
     cuts = [np.linspace(-3.0, 3.0, n + 1) for n in (53, 41)]
     low, high = [cut[:-1] - 0.01 for cut in cuts], [cut[1:] + 0.01 for cut in cuts]
     boxes = [np.stack([a.ravel() for a in np.meshgrid(*ends, indexing="ij")], axis=1) for ends in (low, high)]
-    least, most = bounds.level(part, *boxes, 0.1, 0.15)
+    least, most = bounds.bounds_of_level_set(part, *boxes, 0.1, 0.15)
     once = bounds.signs(part, low, high, (0.1, 0.15))
     assert np.array_equal(once.ravel(), np.where(least > 0, 1, np.where(most <= 0, -1, 0)))
     halved = bounds.signs(part, low, high, (0.1, 0.15), 4)

@@ -232,7 +232,7 @@ def test_nobody_is_lost_who_stands_with_noise(noisy, tmp_path):
 def test_standing_with_noise_is_proved_again(noisy, tmp_path):
     noisy.save(tmp_path / "table.h5")
     again = sdhj.load(tmp_path / "table.h5")
-    assert [axis.layers for axis in again.axes] == [(0, 0), (1, 1)] and again.cells.told
+    assert [axis.layers for axis in again.axes] == [(0, 0), (1, 1)] and again.cells.wall_known
     verdict = verify(tmp_path / "table.h5", progress=False)
     assert verdict.ok, str(verdict)
 

@@ -49,6 +49,20 @@ def test_closed_form_of_what_cannot_stay():
         assert lost.sum() == round((4 - least) / 0.05)
 
 
+def test_closed_form_of_what_cannot_stop():
+    """A car with brakes of 2 m/s^2 alone, before an unsafe end at 8 m: lost is what is past 8 - v^2 / 4, for ever.
+
+    There is no unsafe set, so no cell is lost at first: those are that leave by a cell in one interval.
+    """
+    car = sdhj.Dynamics([[-2.0]], lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1), [[0], [0]], [0.0])
+    grid = sdhj.Grid([0, 0], [8, 4], [9, 9], ends=["unsafe", "wall"])
+    table = solved(sdhj.ReachAvoidProblem(grid, car, None, [], 0.25, None), cells=(160, 64))
+    points = np.random.default_rng(0).uniform([0, 0], [8, 4], (20_000, 2))
+    past, lost = points[:, 0] - (8 - points[:, 1] ** 2 / 4), table.losing.contains(points)
+    assert (past[lost] > 0).all() and lost.mean() > 0.8 * (past > 0).mean()
+    assert table.unknown() < 0.1
+
+
 def test_kernel_does_as_plain_loops_say(rng):
     for staying in (False, True):
         table = solved(unicycle_problem(), cells=(8, 8, 16), parts=2)

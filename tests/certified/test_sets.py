@@ -66,19 +66,6 @@ def test_sets_survive_a_file(small, tmp_path, rng):
         )
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"cells": (32, 32, 12)}, "cells must be"),
-        ({"cells": (1, 32, 12, 12)}, "cells must be"),
-        ({"parts": 0}, "parts must be"),
-    ],
-)
-def test_options_are_checked(options, message):
-    with pytest.raises(ValueError, match=message):
-        sdhj.Certified(**options).sets(sdhj.arm_case_study(**SMALL))
-
-
 def test_a_case_study_that_was_changed_is_proved_as_any_robot(rng):
     """The arm's own proof would be of what the recipe says: with a target, without the set added here."""
     arm = sdhj.arm_case_study(**SMALL)

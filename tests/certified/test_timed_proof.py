@@ -125,7 +125,7 @@ def test_timed_growth_holds_every_motion(name, opaque, parts, rng):
     for start, j in itertools.product((0.0, 0.31, 0.8), range(0, len(case.inputs), 4)):
         cells = rng.integers(15, 45, (100, case.ndim))
         places = cells @ proof.strides
-        tubes, last = proof.reached(places, j, start, 4)
+        tubes, last = proof.tubes_of_places(places, j, start, 4)
         low, high = edges[every, cells], edges[every, cells + 1]
         for trial in range(6):
             states = np.where(rng.random(low.shape) < 0.5, low, high)
@@ -206,7 +206,7 @@ def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
     _, table = proved
     table.save(tmp_path / "timed.h5")
     again = sdhj.load(tmp_path / "timed.h5")
-    assert again.problem.dynamics.timed and again.problem.digest == table.problem.digest
+    assert again.problem.dynamics.depends_on_time and again.problem.digest == table.problem.digest
     states = naive.states_in(table, rng, 500)
     for within in (1, 3):
         np.testing.assert_array_equal(
@@ -221,7 +221,7 @@ def test_a_rate_is_asked_for_where_nothing_can_be_read(name):
 
     def asked(problem):
         proof = sdhj.Certified(cells=[20] * case.ndim).proof(problem)
-        return proof.reached(np.array([0]), 0, 0.0, 1)
+        return proof.tubes_of_places(np.array([0]), 0, 0.0, 1)
 
     with pytest.raises(ValueError, match="drift is a BlackBox without a rate or an enclosure, which a proof needs"):
         asked(case.black_box(rate=None))

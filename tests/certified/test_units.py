@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj.certified.cells import exact, measured
+from sdhj.certified.cells import as_fraction, as_rounded_fraction
 from sdhj.certified.check import verify
 from sdhj.certified.check.reading import decimal
 
@@ -220,10 +220,10 @@ def test_numbers_are_read_alike_at_every_power_of_two(value):
     """The prover and the checker, which reads them by itself; no reading is off by more than it says."""
     for power in (-35, -30, -1, 0, 1, 7, 26, 35):
         scaled = value * 2.0**power
-        assert exact(scaled) == decimal(scaled) == exact(value) * exact(2.0**power)
-        assert measured(scaled) == measured(value) * exact(2.0**power)
-        assert float(exact(scaled)) == scaled
-        assert abs(float(measured(scaled)) - scaled) <= 5e-13 * abs(scaled)
+        assert as_fraction(scaled) == decimal(scaled) == as_fraction(value) * as_fraction(2.0**power)
+        assert as_rounded_fraction(scaled) == as_rounded_fraction(value) * as_fraction(2.0**power)
+        assert float(as_fraction(scaled)) == scaled
+        assert abs(float(as_rounded_fraction(scaled)) - scaled) <= 5e-13 * abs(scaled)
 
 
 # ---- a reserve for rounding

@@ -60,7 +60,7 @@ def _clear(monkeypatch, in_words):
     proof = GeneralProof.of(problem(), sdhj.Certified(cells=cells).axes(problem()), parts)
     with monkeypatch.context() as patched:
         patched.setattr(word_tubes, "COUNTED", 0 if in_words else 1 << 60)
-        assert len(proof.met_in_words) == 2 * in_words
+        assert len(proof.sets_tested_in_words) == 2 * in_words
         proof.prepare(False)
     return proof, np.unpackbits(proof.clear, axis=-1, bitorder="little", count=4).astype(bool)
 

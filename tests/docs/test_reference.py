@@ -114,8 +114,8 @@ def test_it_has_an_example_and_says_what_is_refused(name: str, given: Any) -> No
     text = inspect.getdoc(given) or ""
     assert ">>> " in text
     said = text.split("Examples\n")[0]
-    unsaid = {own for own in inspect.signature(given).parameters if not re.search(rf"\b{own}\b", said)}
-    assert unsaid <= {"self", "ax"} | MADE_BY_THE_LIBRARY.get(name, set())
+    ends_not_given = {own for own in inspect.signature(given).parameters if not re.search(rf"\b{own}\b", said)}
+    assert ends_not_given <= {"self", "ax"} | MADE_BY_THE_LIBRARY.get(name, set())
     if name.split(".")[-1] not in WITHOUT_ERRORS and not name.startswith("sdhj.plotting.draw"):
         assert re.search(r"\w+Error|NotAdmissible", text), text
 

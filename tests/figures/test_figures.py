@@ -232,7 +232,7 @@ def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
     clock, called, threads = [0.0], [], numba.get_num_threads()
 
     class TubeSets:
-        def goal(self, step):
+        def write_goal(self, step):
             called.append(step)
 
         def extend(self, step, within):
@@ -378,9 +378,7 @@ def test_the_main_jobs_figures_are_written(context, tmp_path):
     assert "drawing fig01_problem" in said and "drawing extra_evader" not in said
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# The scripts
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- the scripts
 
 
 def test_a_script_writes_its_figure_and_the_gallery_shows_it_small(tmp_path, monkeypatch):

@@ -165,7 +165,7 @@ def some_inside(table, name, rng, runs):
 
 def adversaries(name, rng, runs):
     """Who switches at random in every eighth of an interval, who keeps to a corner, who goes where it is narrowest."""
-    wind, true, delta = solved(name).problem.dynamics.adversaries, TRUE[name], solved(name).problem.delta
+    wind, true, delta = solved(name).problem.dynamics.disturbance_dim, TRUE[name], solved(name).problem.delta
     every = np.array(list(product((-1.0, 1.0), repeat=wind)))
     kept = rng.choice([-1.0, 1.0], (runs, wind))
 

@@ -112,7 +112,7 @@ def test_bounds_hold_either_sign_even_where_nobody_asked(name, rng):
     outputs, _ = sdhj.formulas.tracing.traced(
         name, FLAT[name], 5, lambda rows: [sdhj.formulas.tracing.points_of(2, rows)], (), True
     )
-    formula = Formula(tuple(sdhj.formulas.zeros.unsigned(outputs)), 2)
+    formula = Formula(tuple(sdhj.formulas.zeros.with_unsigned_zeros(outputs)), 2)
     low = np.concatenate([rng.uniform(-2, 2, (300, 2)), ZEROS])
     high = low + rng.uniform(0, 0.2, low.shape) * rng.integers(0, 2, low.shape)
     for least, most in (
@@ -129,7 +129,7 @@ def test_the_comparison_tells_them_too(name, rng):
     outputs, _ = sdhj.formulas.tracing.traced(
         name, FLAT[name], 5, lambda rows: [sdhj.formulas.tracing.points_of(2, rows)], (), True
     )
-    formula = Formula(tuple(sdhj.formulas.zeros.unsigned(outputs)), 2)
+    formula = Formula(tuple(sdhj.formulas.zeros.with_unsigned_zeros(outputs)), 2)
     agrees = np.allclose(formula(states := rng.uniform(-2, 2, (200, 2)), 0.0), FLAT[name](states))
     if agrees:
         compare(formula, lambda p, t: FLAT[name](p), states, 0.0)

@@ -57,9 +57,7 @@ STOPWATCH = """(cell) => {
 }"""
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Server and browser
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- server and browser
 
 
 def free_port() -> int:
@@ -165,9 +163,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         yield run
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# What a chapter's widgets need
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- what a chapter's widgets need
 
 
 def names_of(tree: ast.AST, kind: type[ast.expr_context]) -> set[str]:
@@ -230,9 +226,7 @@ def test_a_chapter_is_cut_to_what_its_widgets_need(tmp_path: Path) -> None:
     ]
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# A widget, as somebody at the screen sees and moves it
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- a widget, as somebody at the screen sees and moves it
 
 
 class Seen:
@@ -348,9 +342,7 @@ def number_in(status: str, name: str) -> float:
     return float(found[1])
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# The machinery of widgets.py
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- the machinery of widgets.py
 
 TOY = """
 from course import widgets
@@ -436,9 +428,7 @@ def test_play_plays_from_where_the_slider_is(toy: Seen) -> None:
     assert 4 <= number_in(toy.status, "moment") <= 60
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Every widget of every chapter
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- every widget of every chapter
 
 
 @pytest.fixture(scope="module", params=CHAPTERS, ids=lambda path: path.stem)
@@ -470,60 +460,6 @@ def test_every_control_goes_to_both_ends(chapter: tuple[Any, list[str]]) -> None
 
 
 REFUSES: dict[str, str] = {}  # widgets whose ends are refused, and how; all others must draw at both ends
-
-
-def test_an_obstacle_on_the_arm_is_refused_in_words(opened: Any) -> None:
-    """Every posture collides with a disk on the arm's base: there is no game, and the widget says so."""
-    cells = ["from course.explore.tubes import explore_arm_game", "explore_arm_game(nodes=9)"]
-    seen = Seen(opened(cells, "obstacle"), 1)
-    for label in ("static obstacle x (m)", "static obstacle y (m)"):
-        readout = seen.cell.locator(".widget-slider", has=seen.page.get_by_text(label, exact=True)).locator(
-            ".widget-readout"
-        )
-        readout.fill("0.0")
-        readout.press("Enter")
-        seen.page.wait_for_timeout(100)
-        seen.settle()
-    assert seen.refused and "the unsafe sets swallow the target" in seen.status
-
-
-def test_a_pursuer_on_the_base_is_drawn_as_a_collision(opened: Any) -> None:
-    """Every posture collides: the slice must not look free."""
-    cells = [
-        "import sdhj\nfrom course.explore.spaces import explore_spaces",
-        "explore_spaces(sdhj.arm_case_study(nodes=9))",
-    ]
-    seen = Seen(opened(cells, "base"), 1)
-    _, free = shares(seen.picture)
-    for label in ("pursuer x (m)", "pursuer y (m)"):
-        readout = seen.cell.locator(".widget-slider", has=seen.page.get_by_text(label, exact=True)).locator(
-            ".widget-readout"
-        )
-        readout.fill("0.0")
-        readout.press("Enter")
-        seen.settle()
-    assert number_in(seen.status, "unsafe sets (m, collision below 0)") < 0
-    assert shares(seen.picture)[1] > 0.5 > free
-
-
-def test_a_run_answers_to_its_adversary_wherever_it_is(opened: Any) -> None:
-    """The run is not put back to its start when it is shown, and each choice gives another picture."""
-    cells = [
-        "import sdhj\nfrom course.explore.runs import explore_run\nfrom course.paper import starts_of_runs\n"
-        "table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=4), progress=False, play=False)\n"
-        "starts = [list(map(float, q)) for q in starts_of_runs(table, 1, within=3)]",
-        "explore_run(table, starts, rules=('deepest', 'effort'))",
-    ]
-    seen = Seen(opened(cells, "run"), 1)
-    seen.settle()
-    assert number_in(seen.status, "time (s)") > 0
-    pictures = set()
-    for adversary in ("none", "random", "aggressive"):
-        seen.labelled("adversary").select_option(adversary)
-        seen.settle()
-        pictures.add(seen.cell.locator(".jp-RenderedImage img").get_attribute("src"))
-    assert len(pictures) == 3
-    assert number_in(seen.status, "time (s)") > 0
 
 
 @pytest.mark.bench

@@ -182,7 +182,7 @@ def test_what_the_disturbance_reaches_is_beside_a_slab(gain):
     method = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler"))
     problem = rough_problem(72, gain=gain, drift=0.3)
     games = method.on(problem)
-    assert games.shifted and games.pushed.all()
+    assert games.shifted and games.displacement_by_disturbance.all()
     assert np.array_equal(*played(method, problem, reach_halo(games, 0, {}), np.random.default_rng(0)))
 
 

@@ -32,9 +32,7 @@ def run() -> Trajectory:
     return toys.small_arm_run()
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Slices
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- slices
 
 
 def test_a_slice_closes_the_seam_and_agrees_with_the_table(table):
@@ -187,9 +185,7 @@ def test_a_path_on_bounded_axes_is_itself():
     assert np.array_equal(slices.unwrapped(grid, states), states)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Workspace
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- workspace
 
 
 def test_workspace_shows_everything_where_it_is(table):
@@ -216,9 +212,7 @@ def test_a_workspace_without_a_state_has_no_arm(table):
     assert named(ax, "target") and not named(ax, "arm") and not named(ax, "pursuer")
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Runs
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- runs
 
 
 def test_a_run_of_any_robot_on_any_slice():
@@ -257,9 +251,7 @@ def test_a_moment_of_a_run(table, run, share):
     assert (run.outcome in right.get_title(loc="center")) == (share == 1.0)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Style and files
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- style and files
 
 
 def test_colours_read_in_grey():

@@ -27,7 +27,7 @@ def moment(controller: Controller, states: np.ndarray, **changes: object) -> Mom
         "time": 0.0,
         "remaining": problem.delta,
         "duration": problem.delta / SUBSTEPS,
-        "previous": np.zeros((len(states), problem.dynamics.adversaries)),
+        "previous": np.zeros((len(states), problem.dynamics.disturbance_dim)),
         "runs": np.arange(len(states)),
         "tube": lambda points: controller.table.values_at(points, 1, within),
         "rng": np.random.default_rng(1),

@@ -155,7 +155,7 @@ def test_the_point_is_carried_on() -> None:
             assert told.promised.all() and np.array_equal(info["action_mask"] == 1, ~told.changed)
             action = int(np.flatnonzero(info["action_mask"])[-1])
             known, now = observation[None, :-1], int(observation[-1])
-            low, high, _ = table.next_bounds(known, np.array([action]), 0)
+            low, high, _ = table.bounds_of_next_points(known, np.array([action]), 0)
             observation, *_, info = env.step(np.int64(action))
             assert ((low <= observation[:-1] + 1e-12) & (observation[:-1] <= high + 1e-12)).all()
             differs += int(np.abs(observation[:-1] - env.runs.states[0]).max() > 0)

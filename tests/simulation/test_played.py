@@ -137,7 +137,7 @@ def test_the_filter_cannot_be_passed_by(rng: np.random.Generator) -> None:
         for wanted in (rng.integers(0, len(inputs), 300), near, near.astype(np.float32)):
             told = controller.filter(states, 0, wanted)
             np.testing.assert_array_equal(told.commands, inputs[told.inputs])
-            passes = table.passes(states, told.inputs, 0, np.ones(300, np.int64))
+            passes = table.passes_true_sets(states, told.inputs, 0, np.ones(300, np.int64))
             assert passes[told.promised].all() and (told.promised | told.fallback).all()
             for m in range(0, 300, 30):
                 one = controller.filter(states[m], 0, wanted[m])

@@ -227,7 +227,7 @@ def test_unknown_adversary() -> None:
             run()
 
 
-@pytest.mark.parametrize("bad", [0, -5, 2.5, True, "many", None])
+@pytest.mark.parametrize("bad", [0, -5, 2.5, True, "many", None, 10**8 + 1, 2**63, 1e308, 10**400])
 def test_runs_must_be_a_count(bad: object) -> None:
     with pytest.raises(ValueError, match="runs must be a whole number from 1 to 100,000,000"):
         monte_carlo(Controller(toys.interval_table()), bad)

@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
-from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, prediction_error_along, velocity_bounds
 from sdhj.certified.images import Proof
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, read_only
@@ -26,9 +26,9 @@ from sdhj.kernels.arm.links import Agent, joint_moves
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.checks import whole
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.files import stored
+from sdhj.table.files import read_array
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
 LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
@@ -88,7 +88,7 @@ class ArmProof(Proof):
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
         widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
         needed = cls.needs(problem, axes, parts) if allowed is None else count * widest * (64 + 96 * parts)
-        require(needed, f"certifying {cells:.1e} cells", "use fewer cells")
+        require_memory(needed, f"certifying {cells:.1e} cells", "use fewer cells")
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
         for (axis, own), j in itertools.product(enumerate(axes), range(count)):
@@ -105,7 +105,7 @@ class ArmProof(Proof):
         contact = float(stage.agent_radius + stage.arm.half_width)
         fastest = float(max(speeds[2][0][1], speeds[3][0][1]))
         plane = (float(x.lower), float(y.lower), float(x.width), float(y.width), x.count, y.count)
-        prediction_error = float(max(unknown(problem, 2), unknown(problem, 3)))
+        prediction_error = float(max(prediction_error_along(problem, 2), prediction_error_along(problem, 3)))
         agent, pursued = Agent(length, fastest, contact, *plane, prediction_error), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
@@ -162,7 +162,7 @@ class ArmProof(Proof):
     def inputs(
         self,
         some: FloatArray,
-        ahead: FloatArray,
+        steps_left: FloatArray,
         step: int,
         sets: FloatArray,
         pool: FloatArray,
@@ -171,10 +171,10 @@ class ArmProof(Proof):
     ) -> FloatArray:
         """Which of some inputs are certified for cells `some` (M, 4), indices, at a step: (M, L) bool.
 
-        An input is certified if the arm stays clear and all of the cell is led into the set with ahead[m] - 1 steps to
-        go.
+        An input is certified if the arm stays clear and all of the cell is led into the set with steps_left[m] - 1
+        steps to go.
 
-        ahead (M,) : the steps to go; 0: no input is certified.
+        steps_left (M,) : the steps to go; 0: no input is certified.
         step : when the interval begins.
         sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
@@ -182,11 +182,11 @@ class ArmProof(Proof):
         lines : not used.
         """
         out = among.copy()
-        arm_inputs(some, ahead, step, self.cells, self.motion, sets, pool, out)
+        arm_inputs(some, steps_left, step, self.cells, self.motion, sets, pool, out)
         return out
 
     @property
-    def stated(self) -> dict[str, Any]:
+    def entry_in_head(self) -> dict[str, Any]:
         """The proof's part of a file's head, which `load` is handed again: {"parts": the parts of an interval}."""
         return {"parts": self.parts}
 
@@ -203,12 +203,12 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof that `save` wrote to an open file.
 
-        stated : what `ArmProof.stated` was. axes : the cells of each axis. ValueError where the parts, or the size or
-        the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
+        stated : what `ArmProof.entry_in_head` was. axes : the cells of each axis. ValueError where the parts, or the
+        size or the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
         `ArmProof.of`. The bits are not checked.
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
-        packed = stored(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
+        packed = read_array(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
@@ -287,7 +287,7 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 
     axes : the cells of all axes. axis : the number of one.
     """
-    edges, off = axes[axis].edges(), float(unknown(problem, axis))
+    edges, off = axes[axis].edges(), float(prediction_error_along(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
 

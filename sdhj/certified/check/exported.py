@@ -55,14 +55,16 @@ class Words:
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
         record, words, width, index_width, bodies, body_bytes, tests, at_width, self.leads = numbers[8:]
         expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
-        self.counts, self.sides, periodic, _ = np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
+        self.counts, self.sides, periodic, self.safe_ends = (
+            np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
+        )
         self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
         self.layers = np.stack([periodic >> 1 & 1, periodic >> 2 & 63], axis=1)  # at the lower, at the upper end
         self.reads = (periodic[:, None] >> 8 + np.arange(ndim)) & 1 == 1
         shown = self.leads or periodic.max() < 256  # which axes images depend on
         fits = version == 1 + (self.leads > 0) and shown and not (periodic >> 8 + ndim).any()
         expect(fits, "only a table of version 2 has images", self.leads)
-        self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
+        self.lower, self.width, self.length, self.error, self.upper, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
         self.delta = reals[36]
         expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
         self.blocks, self.problem = -(-self.counts // self.sides), data[96:128].hex()
@@ -147,6 +149,7 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
 
     data : all bodies. cells : how many a block has. width : how many bytes a number in the palette has.
     """
+    expect(at + 3 <= len(data), "bodies must be whole", at)
     bits, colours = struct.unpack_from("<BH", data, at)
     begin = at + 3 + colours * width
     end = begin + -(-cells * bits // 8)
@@ -239,6 +242,12 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         "lengths": (
             words.length.tolist(),
             [float((least + most) / 2 + sum(some) * width) for (_, width, least, most), some in own],
+        ),
+        # at both ends of the grid `sdhj.h` clips what is measured, and it tells which of them are safe to leave by
+        "upper ends": (words.upper.tolist(), [float(upper) for upper in head["grid"]["upper"]]),
+        "safe ends": (
+            words.safe_ends.tolist(),
+            (((np.array(head["grid"]["ends"]) == "safe") @ [1, 2]) * ~periodic).tolist(),
         ),
         "inputs": (words.inputs.tolist(), np.array(head["inputs"], dtype=np.float64).tolist()),
         "steps": (words.steps, head["steps"]),

@@ -289,25 +289,25 @@ def pursuer_meets(cell, j, motion, scratch, block):
 
 
 @kernel(nogil=True)
-def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
-    """out[m, j] &= whether input j is certified for the cell some[m], of (M, 4), with ahead[m] steps to go; in place.
+def arm_inputs(some, steps_left, step, cells, motion, sets, pool, out):
+    """out[m, j] &= whether input j is certified for the cell some[m] (M, 4) with steps_left[m] steps to go; in place.
 
     Under it the arm stays clear of the disks and the pursuer and leads into the set with a step less, in the interval
     from `step`.
 
-    No input is certified for ahead[m] = 0.
+    No input is certified for steps_left[m] = 0.
 
-    some (M, 4), ahead (M,) : the cells, and the steps to go of each. step : the number of the interval, an index into
-        motion.allowed. cells : the `Cells`. motion : an `ArmMotion`.
+    some (M, 4), steps_left (M,) : the cells, and the steps to go of each. step : the number of the interval, an index
+        into motion.allowed. cells : the `Cells`. motion : an `ArmMotion`.
     sets (n, R), pool (B, W) uint64 : the numbers of the blocks of the sets with 0, 1, ... steps to go, all later ones
         being the last, and the blocks. out (M, L) bool : the inputs that are asked about.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
     for m in range(len(some)):
-        cell, following = some[m], max(min(ahead[m], len(sets)) - 1, 0)
+        cell, following = some[m], max(min(steps_left[m], len(sets)) - 1, 0)
         for j in range(out.shape[1]):
-            out[m, j] = out[m, j] and ahead[m] > 0 and motion.allowed[step, j, cell[0], cell[1]]
+            out[m, j] = out[m, j] and steps_left[m] > 0 and motion.allowed[step, j, cell[0], cell[1]]
             if out[m, j] and len(sets) > 0:
                 out[m, j] = image_certified(cell, j, motion, cells, sets[following], pool)
             if out[m, j]:

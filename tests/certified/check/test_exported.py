@@ -1,5 +1,7 @@
 """What an exported table claims beyond what is proved is refused, field by field; and what was written is proved."""
 
+import math
+import struct
 import zlib
 from dataclasses import replace
 from functools import cache
@@ -193,11 +195,11 @@ def test_layers_are_those_of_the_table(tmp_path):
 
 
 def test_cells_claimed_elsewhere_are_refused(tmp_path):
-    """Cells that begin elsewhere, or are wider; inputs, steps and interval of another robot."""
+    """Cells that begin elsewhere, or are wider; inputs, steps, interval and ends of another robot."""
     data = exported_of(robot())
     _, size, count = words_of(data)
     inputs = 560 + -(-size * count // 8) * 8
-    for at in (208, 256, 304, 352, 400, 544, 496, 96, inputs, 32):
+    for at in (208, 232, 256, 304, 352, 400, 448, 544, 496, 96, inputs, 32):
         bad = bytearray(data)
         bad[at + 6 if at > 250 else at] ^= 1
         try:
@@ -215,3 +217,17 @@ def test_damage_is_refused(tmp_path):
             failed(robot(), bytes(bad), tmp_path)
     with pytest.raises(ValueError, match="exported table must be whole"):
         failed(robot(), data[:-8], tmp_path)
+
+
+def test_a_body_that_begins_past_the_last_is_refused(tmp_path):
+    data = bytearray(exported_of(robot()))
+    record, words, _, index_width, bodies, body_bytes, _, at_width, _ = struct.unpack_from("<9I", data, 16 + 32)
+    inputs, components = struct.unpack_from("<2I", data, 16 + 8)
+    counts, sides = np.frombuffer(data, "<u4", 12, 160).reshape(2, 6)[:, :3].astype(int)
+    sizes = words * record, inputs * components * 8, inputs * 2, math.prod(-(-counts // sides)) * index_width
+    begin = 560 + sum(-(-size // 8) * 8 for size in sizes)
+    assert int.from_bytes(data[begin : begin + at_width], "little") == 0 < bodies  # where the first body begins
+    for at in (body_bytes - 2, body_bytes, 256**at_width - 1):
+        data[begin : begin + at_width] = at.to_bytes(at_width, "little")
+        with pytest.raises(ValueError, match="bodies must be whole"):
+            failed(robot(), signed(data), tmp_path)

@@ -19,10 +19,10 @@ def test_the_judge_plays_the_robot_of_the_problem(name: str, rng: np.random.Gene
     problem = robot.problem(9)
     dynamics, grid = problem.dynamics, problem.grid
     q = 0.9 * rng.uniform(grid.lower, grid.upper, (200, grid.ndim))
-    signs = rng.choice([-1.0, 1.0], (200, dynamics.adversaries))
+    signs = rng.choice([-1.0, 1.0], (200, dynamics.disturbance_dim))
     for j, u in enumerate(problem.inputs):
         own = robot.velocity(q, np.tile(u, (200, 1)), signs, 0.0)
-        gain = np.broadcast_to(dynamics.gain_at(q, j, 0.0), (200, grid.ndim, dynamics.adversaries))
+        gain = np.broadcast_to(dynamics.gain_at(q, j, 0.0), (200, grid.ndim, dynamics.disturbance_dim))
         pushed = np.einsum("mad,md->ma", gain, signs * dynamics.bounds_at(j, 0.0))
         np.testing.assert_allclose(own, dynamics.drift_at(q, j, 0.0) + pushed, atol=1e-12)
     for t in (0.0, 0.7):
