@@ -5,10 +5,11 @@ for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit x * ny 
 Cells of a robot of one's own are `packed`, eight of a row in a byte.
 """
 
+import math
 import os
 import pickle
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -136,6 +137,62 @@ def unpacked(some: Array, count: int) -> Array:
     some (..., bytes) : uint8, with at least `count` bits.
     """
     return np.unpackbits(some, axis=-1, count=count, bitorder="little").view(np.bool_)
+
+
+@compiled()
+def take_flags(marks, byte, bit, count, out):
+    """Write bit `bit` of marks[cell, byte] to out[row, c // 8], bit c % 8, for cell = row * count + c.
+
+    marks (rows * count, bytes), out (rows, bytes for count bits) : uint8; `out` is overwritten.
+    """
+    for row in range(out.shape[0]):
+        for at in range(out.shape[1]):
+            own = 0
+            for c in range(8 * at, min(8 * at + 8, count)):
+                own |= ((marks[row * count + c, byte] >> bit) & 1) << (c & 7)
+            out[row, at] = own
+
+
+def flags_of(marks: Array, j: int, shape: Sequence[int]) -> Array:
+    """Bit j of the marks of all cells, packed along the cells' last axis: (*shape[:-1], bytes) uint8.
+
+    marks (cells, bytes) : uint8, bit j is bit j % 8 of byte j // 8. shape : the numbers of cells along all axes.
+    """
+    out = np.empty((math.prod(shape[:-1]), -(-shape[-1] // 8)), np.uint8)
+    take_flags(marks, j // 8, j % 8, shape[-1], out)
+    return out.reshape(*shape[:-1], -1)
+
+
+@compiled()
+def take_numbers(rows, count, out):
+    """Write row * count + c to `out` (M,), ascending, for each of the M bits c that are set in rows (n, bytes) uint8.
+
+    No bit from `count` on may be set, which is not checked.
+    """
+    found = 0
+    for row in range(rows.shape[0]):
+        for at in range(rows.shape[1]):
+            if rows[row, at] == 0:
+                continue
+            for bit in range(8):
+                if (rows[row, at] >> bit) & 1:
+                    out[found] = row * count + 8 * at + bit
+                    found += 1
+
+
+def numbers_of(some: Array, count: int) -> Array:
+    """The flat numbers of the flags that are set in packed bytes: (M,) int64, ascending.
+
+    some (..., bytes) : uint8, `count` flags along the last axis, and no bit set behind them.
+    """
+    out = np.empty(number_of(some), np.int64)
+    take_numbers(np.ascontiguousarray(some).reshape(-1, some.shape[-1]), count, out)
+    return out
+
+
+def number_of(some: Array) -> int:
+    """How many bits are set in packed bytes `some`, uint8 of any shape."""
+    return int(np.bitwise_count(some).sum(dtype=np.int64))
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:

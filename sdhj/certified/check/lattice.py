@@ -126,13 +126,20 @@ class Lattice:
             out.append(packed(self.met(every, at, at + many, some)))
         return np.concatenate(out)
 
-    def counted(self, every: Sequence[Holds]) -> Array:
-        """How many boxes that may meet a set lie below each corner of boxes: int32, of the shape that `sums` returns.
+    def counted(self, every: Sequence[Sequence[Holds]]) -> list[Array]:
+        """How many boxes that may meet a set lie below each corner of boxes: of int32 arrays as `sums` returns them.
 
-        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
-            whether it is <= 0.
+        One for each interval of time; where there are several, one more, of the boxes that may meet it in any of them.
+
+        every : for each interval, and each function of which the set's is the least, a `Holds`: whether it is > 0 all
+            over boxes, and whether it is <= 0.
         """
-        return sums(self.met(every, 0, int(self.shape[0])), self.periodic)
+        out, ever = list[Array](), np.zeros(self.shape, np.bool_)
+        for one in every:
+            met = self.met(one, 0, int(self.shape[0]))
+            out.append(sums(met, self.periodic))
+            ever |= met  # check 4.77
+        return out if len(every) == 1 else [*out, sums(ever, self.periodic)]
 
     def met(self, every: Sequence[Holds], begin: int, end: int, asked: Array | None = None) -> Array:
         """Which boxes may meet a set, of those from `begin` to `end` - 1 along the first axis: bool, of these boxes.
@@ -154,8 +161,7 @@ class Lattice:
                 for axis, n in enumerate(shape := (-(-some // side)).tolist()):
                     blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
                 larger, known = side, np.ascontiguousarray(blocks).ravel()
-                if side == 1:
-                    known[met.ravel()] = MET
+                known[all_of(met, side).ravel()] = MET
                 left = np.flatnonzero(known == OPEN)
                 for at in range(0, left.size, AT_ONCE):
                     own = left[at : at + AT_ONCE]
@@ -203,6 +209,13 @@ class Lattice:
         last = np.maximum(first, last)  # of a tube that is narrower than that, too
         whole &= self.periodic[axis]
         return np.where(whole, 0, first), np.where(whole, most, last)  # check 4.57
+
+
+def all_of(flags: Array, side: int) -> Array:
+    """Whether all flags in blocks of `side` along each axis are set: bool, ceil(n / side) along each. flags : bool."""
+    for axis, n in enumerate(flags.shape if side > 1 else ()):
+        flags = np.logical_and.reduceat(flags, np.arange(0, n, side), axis)
+    return flags
 
 
 def sums(inside: Array, periodic: Array) -> Array:

@@ -30,7 +30,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.check import balls
-from sdhj.certified.check.bits import Array
+from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, packed, unpacked
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
@@ -136,6 +136,7 @@ class Robot(Sets):
     off (ndim,) : E, how far a prediction may be off, by the file.
     delta, delay, jitter, length : the interval, what `Sensing` says, and the longest interval, delta + 2 jitter, s.
     near (ndim,) : how far off a cell a state counts as in it.
+    room (ndim,) : how far past an unsafe end a tube counts as at it.
     target, unsafe : a `Part` or None, and a list of `Part`.
     trusted : the names of functions of which the check believes what their author states.
     """
@@ -151,7 +152,7 @@ class Robot(Sets):
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)  # check 7.35
         self.delta = real("delta", head["delta"], SMALLEST)
         self.scale = np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
-        self.near = NEAR * self.scale
+        self.near, self.room = NEAR * self.scale, ROOM * np.array(self.grid.spacing)
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
@@ -196,15 +197,16 @@ class Robot(Sets):
         if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
             # of each input what is packed of cells, and of some boxes; of sets, too
             alike = places == 1 and "normals" not in head["proof"]
-            of_a_set = cells * (12 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
-            return sizes(arrays) + max(cells * 5 + chosen * 16 + cells // 4 * inputs, of_a_set) + swept
+            of_a_set = cells * (6 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+            return sizes(arrays) + max(cells * 2 + chosen * 10 + cells // 4 * inputs, of_a_set) + swept
         swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
             axes = [axis for axis in range(ndim) if axis in one["axes"]]
             laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
-            lattices += memory([counts[axis] for axis in axes], laps, len(arrays["clear"]) * parts if moving else 1)
+            times = len(arrays["clear"]) * (parts + 1) if moving else 1
+            lattices += memory([counts[axis] for axis in axes], laps, times)
         lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
@@ -624,9 +626,9 @@ class Robot(Sets):
             until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
             whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
-            allowed = ROOM * grid.spacing[axis]
-            out &= (whole[0, :, axis] >= grid.lower[axis] - allowed) | (grid.ends[axis][0] != "unsafe")  # check 4.36
-            out &= (whole[1, :, axis] <= grid.upper[axis] + allowed) | (grid.ends[axis][1] != "unsafe")  # check 4.35
+            room = self.room[axis]
+            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.36
+            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
             own, left = list(unsafe_set.axes), np.flatnonzero(out)
             if not unsafe_set.moving:  # often the whole tube at once will do
@@ -645,8 +647,8 @@ class Robot(Sets):
     def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
         """The lattice of an unsafe set, and its boxes counted (`Lattice.counted`), a list of arrays.
 
-        A single array, for all times, where the set stands still; else one for each part of the interval from a step.
-        Each lattice is made once and kept.
+        A single array, for all times, where the set stands still; else one for each part of the interval from a step,
+        and the last for all of it. Each lattice is made once and kept.
 
         number : the set's, in `unsafe`. `pieces` must not be 0 for it.
         """
@@ -658,7 +660,7 @@ class Robot(Sets):
             boxes = Lattice(edges, pieces, self.periodic[own], self.near[own], self.sway[own])
             when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.58
             signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
-            self.lattices[key] = boxes, [*map(boxes.counted, signs)]
+            self.lattices[key] = boxes, boxes.counted(signs)
         return self.lattices[key]
 
     def pieces(self, part: Part) -> int:
@@ -689,8 +691,9 @@ class Robot(Sets):
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
         for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
             low, high = self.along(axis, places, whole)
-            good = (low >= grid.lower[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.60
-            good &= (high <= grid.upper[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.61
+            room = self.room[axis]
+            good = (low >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.60
+            good &= (high <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.61
             out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
         parts = list(np.moveaxis(swept, 1, 0))
         for number, part in enumerate(self.unsafe):
@@ -698,8 +701,8 @@ class Robot(Sets):
                 continue
             boxes, found = self.lattice_of(number, step)
             left = np.flatnonzero(out)
-            if not part.moving:  # often the whole tube at once will do
-                left = left[~self.misses(boxes, found[0], part.axes, whole, numbers[left], places, at[left])]
+            # often the whole tube at once will do
+            left = left[~self.misses(boxes, found[-1], part.axes, whole, numbers[left], places, at[left])]
             for piece, tube in enumerate(parts):
                 counts = found[piece if part.moving else 0]  # check 4.52
                 good = self.misses(boxes, counts, part.axes, tube, numbers[left], places, at[left])
@@ -805,10 +808,17 @@ class Robot(Sets):
         step, within : step + within <= steps, which is not checked. Of a time-invariant robot `step` is ignored, and
         the last set that is kept stands for larger `within`.
         """
+        return unpacked(self.in_bytes(step, within), int(self.counts[-1])).ravel()
+
+    def in_bytes(self, step: int, within: int) -> Array:
+        """The same set, packed along the last axis: (rows, bytes) uint8, no bit set behind the last cell of a row.
+
+        step, within : as for `bits`.
+        """
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         row = min(within, len(self.index) - 1) if self.time_invariant else row
-        blocks = self.pool[self.index[row]].view(np.uint8)
-        return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
+        blocks = self.pool.view(np.uint8)[:, : -(-int(self.counts[-1]) // 8)]
+        return np.ascontiguousarray(blocks)[self.index[row]]
 
     def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
         """The claim, checked, that inputs lead into the target itself, at the sites of cells with flat numbers (M,).
@@ -816,8 +826,9 @@ class Robot(Sets):
         Claims at other sites are counted as made and not checked. silent : show no progress bar.
         """
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
-        some = np.zeros(self.arrives.shape[1], np.bool_)
-        some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
+        some = np.full(self.arrives.shape[1], numbers.size == self.clear.shape[1])
+        if not some.all():
+            some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
         bar, size = tqdm(total=len(self.arrives) * self.count, desc="arrivals", disable=silent), some.size
         for step, group in product(range(len(self.arrives)), self.groups(1, size)):
             flags = (((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1) & some for j in group)
@@ -853,17 +864,18 @@ class Robot(Sets):
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
 
-    def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether each of the cells (M,) has a clear input that leads it into a set, or into the target: (M,) bool.
+    def steps_fail(self, asked: Array, step: int, following: Array) -> Array:
+        """The flat numbers of the cells that no clear input leads into a set, or into the target: (M,), ascending.
 
         By what the file says of moves, clear inputs and arrivals.
 
-        numbers (M,) : the cells' flat numbers. step : the number of the interval.
-        following (cells,) bool : the set, of the next step with a step less to go.
+        asked (rows, bytes) : uint8, the cells that are asked about, packed along the last axis. step : the number of
+            the interval. following : packed likewise, the set, of the next step with a step less to go.
         """
+        n = int(self.counts[-1])
         if self.at_once is not None and self.at_once.leads():
-            return self.at_once.led(step, following)[numbers]
-        inside = self.sums(following)
+            return numbers_of(asked & ~self.at_once.led(step, following).reshape(asked.shape), n)
+        inside = self.sums(unpacked(following, n))
 
         def hold(some: Array) -> Array:
             """Whether some clear input leads from each of the cells with numbers (m,) into the set: (m,) bool."""
@@ -873,7 +885,8 @@ class Robot(Sets):
                 out[left] = self.leads(some[left], step, j, inside)
             return out
 
-        return by_slabs(hold, numbers)
+        numbers = numbers_of(asked, n)
+        return numbers[~by_slabs(hold, numbers)]
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set, (cells,) bool, lie below each corner: int32, what `lattice.sums` returns."""
@@ -992,10 +1005,15 @@ class Robot(Sets):
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             for j, step in product(group, steps):
+                if at_once is not None:
+                    flags = flags_of(self.clear[step], j, at_once.shape)
+                    open_[j][step], count = at_once.open_cells(flags, step, j), number_of(flags)
+                    made, checked = made + count, checked + count
+                    continue
                 flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
                 own = flags if numbers.size == flags.size else flags[numbers]
                 made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
-                open_[j][step] = np.flatnonzero(own) if at_once is None else at_once.open_cells(flags, step, j)
+                open_[j][step] = np.flatnonzero(own)
             for finer in FINER:
                 self.narrow(start, finer, moving, open_, numbers, at)
             for j in group:
@@ -1080,22 +1098,25 @@ class Robot(Sets):
             rows = [(0, 0), (0, 1)]  # check 3.48
         else:
             rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
+        n = int(self.counts[-1])
+        looked_at = packed(chosen.reshape(-1, n))
         for step, within in tqdm(rows, desc="sets", disable=silent):
-            new = here = self.bits(step, within)
+            new = here = self.in_bytes(step, within)
             name = NEARER if within else GOALS
             if within:
-                less = self.bits(step, within - 1)
+                less = self.in_bytes(step, within - 1)
                 if ((here & ~less) if self.has_no_target else (less & ~here)).any():  # check 2.2
                     failed[GROW].append(f"start {step}, within {within}")
                 new = here if self.has_no_target else here & ~less  # check 3.47
-            numbers = np.flatnonzero(new & chosen)
-            counted[name][0] += int(new.sum())
-            counted[name][1] += numbers.size
+            asked = new & looked_at
+            counted[name][0] += number_of(new)
+            counted[name][1] += number_of(asked)
             if not within:
-                good = by_slabs(partial(self.goals_hold, step=step), numbers)
+                wrong = numbers_of(asked, n)
+                wrong = wrong[~by_slabs(partial(self.goals_hold, step=step), wrong)]
             else:
-                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))  # check 3.46
-            failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
+                wrong = self.steps_fail(asked, step, self.in_bytes(step + 1, within - 1))  # check 3.46
+            failed[name].extend(f"start {step}, within {within}, cell {number}" for number in wrong)
         yield Claim(GROW, len(rows), len(rows), failed[GROW])
         for name, (made, checked) in counted.items():
             yield Claim(name, made, checked, failed[name])

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.certified.check.bits import Array, compiled, packed, unpacked
+from sdhj.certified.check.bits import Array, compiled, flags_of, numbers_of, packed, unpacked
 from sdhj.certified.check.lattice import Holds, Lattice, pieces_united
 
 LEAST_CELLS = 1 << 16  # that one tube goes along with; with fewer, tubes are looked up one by one
@@ -204,26 +204,26 @@ class AtOnce:
 
         From all others it is proved clear, by the tubes of `look_at`; where none are kept it is open from all.
 
-        flags (cells,) : bool. step : the number of the interval, which must be one that `look_at` was called for if
-            anything depends on time.
+        flags : uint8, a bit for each cell, packed along the last axis. step : the number of the interval, which must be
+            one that `look_at` was called for if anything depends on time.
         """
-        if not self.tubes.size:
-            return np.flatnonzero(flags)
-        left = flags.reshape(self.shape) & ~self.past_ends(j)
-        for number, part in enumerate(self.robot.unsafe):
-            if part.counts(j):  # check 4.69
-                left &= ~self.of_all_cells(self.met_by(number, step)[j], part.axes)
-        return np.flatnonzero(flags & ~left.ravel())  # check 4.73
+        if self.tubes.size:
+            left = self.past_ends(j)
+            for number, part in enumerate(self.robot.unsafe):
+                if part.counts(j):  # check 4.69
+                    left = left | self.of_all_cells(self.met_by(number, step)[j], part.axes)
+            flags = flags & left  # check 4.73
+        return numbers_of(flags, self.shape[-1])
 
     def past_ends(self, j: int) -> Array:
-        """From which cells the tube of u_j may get past an unsafe end: bool, broadcasts to the numbers of cells."""
-        robot, places = self.robot, np.arange(self.places)
-        out, own = np.zeros([1] * len(self.shape), np.bool_), self.tubes[j * self.places : (j + 1) * self.places]
+        """From which cells the tube of u_j may get past an unsafe end, as `of_all_cells` returns them."""
+        robot, grid, places = self.robot, self.robot.grid, np.arange(self.places)
+        out, own = np.zeros([1] * len(self.shape), np.uint8), self.tubes[j * self.places : (j + 1) * self.places]
         whole = np.stack([own[:, :, 0].min(axis=1), own[:, :, 1].max(axis=1)], axis=1)  # check 4.76
-        for axis in np.flatnonzero(~robot.periodic & (np.array(robot.grid.ends) == "unsafe").any(axis=1)).tolist():
+        for axis in np.flatnonzero(~robot.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)).tolist():
             low, high = robot.along(axis, places, whole)
-            beyond = (low < robot.grid.lower[axis]) & (robot.grid.ends[axis][0] == "unsafe")  # check 4.74
-            beyond |= (high > robot.grid.upper[axis]) & (robot.grid.ends[axis][1] == "unsafe")  # check 4.75
+            beyond = (low < grid.lower[axis] - robot.room[axis]) & (grid.ends[axis][0] == "unsafe")  # check 4.74
+            beyond |= (high > grid.upper[axis] + robot.room[axis]) & (grid.ends[axis][1] == "unsafe")  # check 4.75
             out = out | self.of_all_cells(packed(beyond), [] if robot.known[axis] else [axis])
         return out
 
@@ -258,19 +258,18 @@ class AtOnce:
     ) -> Array | None:
         """The boxes that tubes overlap from cells where their input is said to be clear; nothing else is asked of.
 
-        uint8 flags, packed along the last axis; None, for all boxes, unless the set has all axes and `clear` is the
-        same in all steps.
+        uint8 flags, packed along the last axis; None, for all boxes, unless the set has all axes.
 
         axes : the set's. shape : the numbers of boxes along them. windows : for each axis the windows of all tubes.
         each : how many tubes an input has, one behind the other.
         """
-        if len(axes) < len(self.shape) or len(self.robot.clear) > 1:
+        if len(axes) < len(self.shape):
             return None
-        clear = self.clear_in(0)
+        ever = np.bitwise_or.reduce(self.robot.clear, axis=0)  # in any step
 
         def said_clear(some: Array) -> Array:
             """From which cells the input of any of the tubes `some` (m,) is said to be clear: uint8, packed."""
-            return np.bitwise_or.reduce([clear[j] for j in np.unique(some // each).tolist()])
+            return np.bitwise_or.reduce([flags_of(ever, j, self.shape) for j in np.unique(some // each).tolist()])
 
         return overlapped(said_clear, shape, windows, np.arange(len(windows[0][2])))
 
@@ -304,15 +303,21 @@ class AtOnce:
         return first, last, some[of.ravel()]
 
     def of_all_cells(self, some: Array, axes: Sequence[int]) -> Array:
-        """Flags of cells along some axes at each place as flags of all cells: bool, 1 long along all other axes.
+        """Flags of cells along some axes at each place as flags of all cells: uint8, 1 long along all other axes.
+
+        Packed along the last axis, which is 1 long, 0 or 255, where it is neither one of these nor one of a place.
 
         some (places, ..., bytes) : uint8, the last of the axes packed; (places, 1) where there are none.
         axes : ascending, none that places are on.
         """
-        order = [*np.flatnonzero(self.robot.known).tolist(), *axes]
-        flags = unpacked(some, self.shape[axes[-1]] if len(axes) else 1).reshape([self.shape[axis] for axis in order])
+        order, last = [*np.flatnonzero(self.robot.known).tolist(), *axes], len(self.shape) - 1
         shape = [n if axis in order else 1 for axis, n in enumerate(self.shape)]
-        return flags.transpose(np.argsort(order)).reshape(shape)
+        if last in axes:  # which it is packed along already
+            flags = some.reshape([*(self.shape[axis] for axis in order[:-1]), -1])
+            return flags.transpose(np.argsort(order)).reshape(*shape[:-1], -1)
+        flags = unpacked(some, self.shape[axes[-1]] if len(axes) else 1).reshape([self.shape[axis] for axis in order])
+        flags = flags.transpose(np.argsort(order)).reshape(shape)
+        return packed(flags) if last in order else flags * np.uint8(255)
 
     # ---- steps
 
@@ -322,9 +327,7 @@ class AtOnce:
         step : an index into `robot.clear`. The last answer is kept.
         """
         if self.kept[0] != step:
-            clear = self.robot.clear[step]
-            flags = (((clear[:, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(self.robot.count))
-            self.kept = step, [*map(packed, flags)]
+            self.kept = step, [flags_of(self.robot.clear[step], j, self.shape) for j in range(self.robot.count)]
         return self.kept[1]
 
     def leads(self) -> bool:
@@ -332,11 +335,13 @@ class AtOnce:
         return self.places == 1 and self.robot.lines is None and not self.robot.safe.any()
 
     def led(self, step: int, following: Array) -> Array:
-        """From which cells some input is clear and leads all of the cell into a set, or into the target: (cells,) bool.
+        """From which cells some input is clear and leads all of the cell into a set, or into the target.
 
-        By the file's moves, flags and arrivals; only where `leads` is True.
+        uint8, a bit for each cell, packed along the last axis. By the file's moves, flags and arrivals; only where
+        `leads` is True.
 
-        step : the number of the interval; the last one kept stands for later ones. following (cells,) : bool, the set.
+        step : the number of the interval; the last one kept stands for later ones. following : the set, packed
+            likewise.
         """
         robot, start, most = self.robot, min(step, len(self.robot.low) - 1), self.robot.counts - 1
         clear = self.clear_in(min(step, len(robot.clear) - 1))
@@ -348,7 +353,7 @@ class AtOnce:
             if not robot.periodic[axis]:
                 first, last = np.clip(first, 0, most[axis]), np.clip(last, 0, most[axis])  # check 3.91
             windows.append(each_once(np.where(whole, 0, first), np.where(whole, most[axis], last)))
-        missing = packed(~following.reshape(self.shape))
+        missing = ~following.reshape(*self.shape[:-1], -1)
         for alike, left in united(missing, self.shape, windows, np.arange(robot.count)):
             for j in alike:
                 out |= clear[j] & ~left  # check 3.92
@@ -357,4 +362,4 @@ class AtOnce:
             sites = [n if stride else 1 for n, stride in zip(self.shape, robot.sites.tolist(), strict=True)]
             own = np.broadcast_to(marks.reshape(sites), (*sites[:-1], self.shape[-1]))
             out |= clear[j] & packed(own)  # check 3.90
-        return unpacked(out, self.shape[-1]).ravel()
+        return out

@@ -190,6 +190,7 @@ MUTATIONS = {
     "states near a tube": ("4.32 drop 16", "a set nearer than rounding"),
     "states near a part of a tube": ("4.33 drop 21", "a moving set nearer than rounding"),
     "looked up in its own part": ("4.52 put 4 0", "a post beside an uncertain clock"),
+    "looked up in all parts": ("4.77 drop", "a post beside an uncertain clock"),
     "a clock that is off, looked up": ("4.58 put 3 {15}", "a post beside an uncertain clock"),
     "all of a tube, looked up": ("4.59 put 6 {9}[:, 0, 0]; put 15 {9}[:, 0, 1]", "a rock at the end of the way"),
     "the lower end, looked up": ("4.60 true 3", "out by the lower end"),

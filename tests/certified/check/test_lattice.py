@@ -73,10 +73,12 @@ def test_boxes_that_may_meet_a_set_are_counted(rng):
         return np.hypot(*gap.T) > radius, np.hypot(*far.T) <= radius
 
     functions = [lambda box, one=one: sign(*one, box) for one in zip(centres, radii, strict=True)]
-    counts = own.counted(functions)
+    (counts,) = own.counted([functions])
     every = np.stack(np.unravel_index(np.arange(own.shape.prod()), own.shape), axis=1)
     met = ~np.all([one(own.boxes(every, 1))[0] for one in functions], axis=0).reshape(own.shape)
     assert 0.01 < met.mean() < 0.5 and np.array_equal(np.diff(np.diff(counts, axis=0), axis=1)[: own.shape[0]], met)
+    one, other, ever = own.counted([functions[:1], functions[1:]])
+    assert np.array_equal(ever, counts) and not np.array_equal(one, ever) and not np.array_equal(other, ever)
     ends = [own.overlapped(axis, *tubes(rng, own.edges[axis])) for axis in range(2)]
     found = overlap(counts, [(first, last + 1) for first, last in ends])
     twice = np.concatenate([met, met])
