@@ -220,8 +220,9 @@ def link_clear(link, body, part, velocity, start, world, stack):
 
     False, too, where they touch, and where more than `GRANTED` boxes, or more room than `stack` has, would be needed.
 
-    link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent. part (BOUNDS,) :
-        bounds of joints, coordinates, times and pushes, in the order that `moved` says. velocity (2,) : of the joints, the input. start : when the interval begins, s. world : the `World`.
+    link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent.
+    part (BOUNDS,) : bounds of joints, coordinates, times and pushes, in the order that `moved` says.
+    velocity (2,) : of the joints, the input. start : when the interval begins, s. world : the `World`.
     stack (STACK, BOUNDS) : overwritten.
     """
     l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1] * link, 1.0 if body == len(world.disks) else 0.0
