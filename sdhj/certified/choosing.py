@@ -48,7 +48,7 @@ from sdhj.certified.alone import axes_alone, proved_alone
 from sdhj.certified.arrivals import sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
-from sdhj.certified.general_proof import finest, peak, shapes
+from sdhj.certified.general_proof import finest, peak_bytes, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
 from sdhj.certified.oblique import normals_of
 from sdhj.certified.packing import packed_axis
@@ -339,7 +339,7 @@ def _spread(
     def fits(places: FloatArray) -> bool:
         """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
         axes = _picked(cells, places.tolist())
-        large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
+        large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
         return bool(lost[every, places].sum() > WORTH and large < MOST_BYTES and paid < CORES * seconds)
 
@@ -575,7 +575,7 @@ def costs(
     each = parts * starts * count
     calls, pieces = (each * finest(problem, parts, some) for some in ((starts, count, 1, ndim), moves))
     drift = problem.dynamics.drift
-    velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.each["drift"][0]
+    velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.functions_by_input["drift"][0]
     return {
         # as many calls as of a single place, so that more cells never cost less
         "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),

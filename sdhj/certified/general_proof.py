@@ -44,7 +44,7 @@ from sdhj.kernels.stencils import (
     mark_collisions,
     mark_exits,
 )
-from sdhj.kernels.windows import mark_met
+from sdhj.kernels.windows import clear_inputs_that_meet
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
@@ -148,7 +148,7 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
     return min(max(EVALUATED / (math.prod(moves[:-1]) * parts * 2), 1.0), FINEST)
 
 
-def peak(
+def peak_bytes(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
     """The bytes that a solve by a general proof takes at most, without the sets that it finds; an estimate from above.
@@ -207,11 +207,13 @@ class GeneralProof(Images):
         """A proof with arrays of the right size, which `prepare` fills.
 
         axes : the cells of each axis. parts : into which an interval is cut. MemoryError where a solve would take too
-        much memory (the function `peak`).
+        much memory (the function `peak_bytes`).
         """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
-        require_memory(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
+        require_memory(
+            peak_bytes(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells"
+        )
         low, high = np.zeros((2, *moves), np.int16)
         marks = np.full(clear, 255, np.uint8), sites, np.zeros(arrives, np.uint8)
         return cls(problem, axes, parts, strides, low, high, *marks)
@@ -223,9 +225,9 @@ class GeneralProof(Images):
         return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
 
     @property
-    def peak(self) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds; estimated by the function `peak`."""
-        return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
+    def peak_bytes(self) -> int:
+        """The bytes that a solve takes at most, without the sets that it finds (the function `peak_bytes`)."""
+        return peak_bytes(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def inputs(
         self,
@@ -331,7 +333,7 @@ class GeneralProof(Images):
             0,
             1,
             edges,
-            self.past + SIDES[:, 0] * self.shell,
+            self.open_ends + SIDES[:, 0] * self.shell,
         )
 
     def _numbers(self, which: FloatArray) -> FloatArray:
@@ -439,7 +441,9 @@ class GeneralProof(Images):
         others[list(unsafe_set.axes)] = False
         rows, beside = self._numbers(inside), self._numbers(others)
         begin = self.layout.begin[place] + rows
-        mark_met(self.clear[step], begin, beside, met.reshape(len(met), len(rows), -1), self.axes[-1].count)
+        clear_inputs_that_meet(
+            self.clear[step], begin, beside, met.reshape(len(met), len(rows), -1), self.axes[-1].count
+        )
 
     def _mark_collisions(
         self,
@@ -502,7 +506,7 @@ class GeneralProof(Images):
         what is cleared for one is cleared for all. The cells that are looked at come in lines along the last of `axes`
         on which cells at one place differ.
         """
-        alike = (self.strides == 0) & ~np.isfinite(self.past).any()
+        alike = (self.strides == 0) & ~np.isfinite(self.open_ends).any()
         alike[axes] = False  # obligation 4.15
         counts, some = self.layout.counts, (self.strides == 0) & ~alike
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])

@@ -312,7 +312,7 @@ class Images(Proof):
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
     @kept
-    def past(self) -> FloatArray:
+    def open_ends(self) -> FloatArray:
         """The safe ends of axes, (2, ndim), past which nothing is asked of an image; infinite for all other ends."""
         return np.stack(self.problem.grid.faces("frees"))
 
@@ -329,7 +329,9 @@ class Images(Proof):
         start, lines = min(step, len(self.low) - 1), self.lines
         each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
         oblique: Any = read_only(lines.normals.any(axis=0))
-        return Moves(self.low[start], self.high[start], self.strides, self.past, read_only(each), oblique, lines.halo)
+        return Moves(
+            self.low[start], self.high[start], self.strides, self.open_ends, read_only(each), oblique, lines.halo
+        )
 
     @cached_property
     def along(self) -> int:
@@ -337,7 +339,7 @@ class Images(Proof):
 
         -1 as well where images are lines.
         """
-        shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
+        shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.open_ends[:, :-1]).any(axis=0))
         if len(self.lines.normals):  # an image is no product of what it is along the axes
             return -1
         return int(shift_invariant[-1]) if shift_invariant.size else -1

@@ -65,14 +65,14 @@ FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for w
 
 
 @dataclass(frozen=True)
-class Copy(GeneralProof):
+class CoarseProof(GeneralProof):
     """A recursion on coarse cells, as a proof makes it, from which some of what cells lose can be taken away.
 
     Its sets tell how much would be won without a loss; they prove nothing. `CELLS` names the losses: "rounding" of
     images to whole cells, goal cells that lie in the "target" only in part, and "clearance" of whole cells in place of
     their centres. So it also keeps how far the centres of cells may move. Made by `of`, which leaves the two last
-    arrays empty, and given these by `dataclasses.replace`; filled by `prepare`. Then `taking` gives the same proof
-    with some of its losses taken away; `add` counts the sets that it has made.
+    arrays empty, and given these by `dataclasses.replace`; filled by `prepare`. Then `without_losses` gives the same
+    proof with some of its losses taken away; `add` counts the sets that it has made.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Copy(GeneralProof):
         In how many boxes each unsafe set is asked for, fewer than in a proof.
     unites : bool
         False: boxes are counted, whatever their number (`GeneralProof.unites`).
-    lesser : dict
+    without_sets : dict
         By the name of an unsafe set, the proof of the problem without this set and without all of `CELLS`, which has
         the images of this one and is prepared with it; empty unless `parted` has filled it.
     """
@@ -97,11 +97,11 @@ class Copy(GeneralProof):
     ends: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 0, 2), np.float32))
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
     unites: ClassVar[bool] = False
-    lesser: "dict[str, Copy]" = field(default_factory=dict)
+    without_sets: "dict[str, CoarseProof]" = field(default_factory=dict)
     _rounded: dict[tuple[int, int], tuple[Moves, Packing]] = field(default_factory=dict)  # by start and phase
     _turn: list[int] = field(default_factory=lambda: [0, 0])  # how many sets have been made, and the phase
 
-    def taking(self, *what: str) -> "Copy":
+    def without_losses(self, *what: str) -> "CoarseProof":
         """This proof, which has been prepared, without the losses `what`, some of `CELLS`; nothing else is taken away.
 
         A new proof, which shares its arrays with this one.
@@ -109,14 +109,16 @@ class Copy(GeneralProof):
         clear = self.of_centres if "clearance" in what else self.clear
         return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0, 0])
 
-    def parted(self) -> "Copy":
-        """This proof, which is not prepared, with `lesser` filled, in place; empty for more than `MOST_SETS` sets."""
+    def parted(self) -> "CoarseProof":
+        """This proof, which is not prepared, with `without_sets` filled, in place; empty for more than `MOST_SETS` sets."""
         unsafe = self.problem.unsafe
         for one in unsafe if len({part.name for part in unsafe}) == len(unsafe) <= MOST_SETS else ():
             with suppress(ValueError):  # a problem needs something to stay clear of
                 problem = replace(self.problem, unsafe=tuple(other for other in unsafe if other is not one))
                 clear = np.full_like(self.clear, 255)
-                self.lesser[one.name] = replace(self.taking(*CELLS), problem=problem, clear=clear, lesser={})
+                self.without_sets[one.name] = replace(
+                    self.without_losses(*CELLS), problem=problem, clear=clear, without_sets={}
+                )
         return self
 
     @property
@@ -135,8 +137,8 @@ class Copy(GeneralProof):
         if not self.low.flags.writeable:
             return Packing(self)
         mark, of_centres = partial(self._mark_collisions, self._lattices(False)), self._lattices(False, True)
-        mark_centres = [partial(self.taking("clearance")._mark_collisions, of_centres)]
-        for name, without in self.lesser.items():
+        mark_centres = [partial(self.without_losses("clearance")._mark_collisions, of_centres)]
+        for name, without in self.without_sets.items():
             kept = [own for own, part in zip(of_centres, self._sets_tested_by_cell, strict=True) if part.name != name]
             mark_centres.append(partial(without._mark_collisions, kept))
         arrivals = Arrivals(self)
@@ -197,7 +199,7 @@ class Copy(GeneralProof):
         for j, ends in enumerate(self.ends[start]):
             found = self.in_cells(places, self.centred(places, ends.astype(float)) + (phase - 0.5) * width[:, None])
             low[j], high[j] = (np.clip(one, self.low[start, j], self.high[start, j]) for one in found)
-        return Moves(low, high, self.strides, self.past)
+        return Moves(low, high, self.strides, self.open_ends)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """As `sdhj.certified.general_proof.GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n, in place.
@@ -241,7 +243,7 @@ class Trial(NamedTuple):
     kind: str
     cause: str
     helps: str
-    proof: Callable[[], Copy]
+    proof: Callable[[], CoarseProof]
     seconds: float
 
 
@@ -297,14 +299,14 @@ class Limits:
         """
         problem, self.sets, self.parts = table.problem, sets, table.proof.parts
         self.settled = bool(table.details.get("endless"))
-        self.ever = self.settled and problem.has_no_target
-        steps = EVER if self.ever else min(problem.steps, LONGEST) if problem.time_invariant else problem.steps
+        self.endless = self.settled and problem.has_no_target
+        steps = EVER if self.endless else min(problem.steps, LONGEST) if problem.time_invariant else problem.steps
         self.problem = replace(problem, recipe={}, steps=steps)
         self._tables: dict[tuple[str, str], Any] = {}  # by the cause and what helps; None where there is none
         with _quiet():
-            self.axes, self.left = self._few(table)
+            self.axes, self.left = self._coarse_cells(table)
             self._base = self._proof(self.problem, self.axes, parted=True)
-            self.plain, self.free = self._solved(self._base), self._solved(self._base.taking(*CELLS))
+            self.plain, self.free = self._solved(self._base), self._solved(self._base.without_losses(*CELLS))
         first, rest = self._seconds(self.axes)
         self.left = max(self.left - first - 2 * rest, self.left / 2)  # what these two took may be more
 
@@ -321,9 +323,9 @@ class Limits:
     def gains(self, states: FloatArray, step: int, within: int) -> tuple[list[Gain], list[Gain]]:
         """What limits the table at some states, and what would gain some if added: (causes, added), lists of `Gain`.
 
-        In both the one that gains most is first; those that gain little (`_most`) are left out, so a list may be empty.
-        What may gain most is tried first. What cells lose is not, nor more cells, where `free` shows that it is little,
-        and no more is taken away from the problem once one thing gains `ENOUGH` of what `free` lacks.
+        In both the one that gains most is first; those that gain little (`_largest`) are left out, so a list may be
+        empty. What may gain most is tried first. What cells lose is not, nor more cells, where `free` shows that it is
+        little, and no more is taken away from the problem once one thing gains `ENOUGH` of what `free` lacks.
 
         states (M, ndim) : M > 0. step : of the problem. within : the steps to go.
         """
@@ -339,7 +341,7 @@ class Limits:
                 return beyond >= max(GAINED, BESIDE * lost) and most < ENOUGH * beyond
             if kind == "reach":
                 return all(own.more < max(GAINED, FAR_BEHIND * beyond) for some in found.values() for own in some)
-            some = kind == "all finer" and _most(found["finer"], FAR_BEHIND * lost)
+            some = kind == "all finer" and _largest(found["finer"], FAR_BEHIND * lost)
             return kind == "other" or (lost >= max(GAINED, FAR_BEHIND * most) and not some)
 
         for trial in self._trials(lost >= beyond):
@@ -350,10 +352,10 @@ class Limits:
                 found[trial.kind].append(Gain(trial.cause, trial.helps, before, then))
         together, others = Gain("wide cells", "", kept, free), found["problem"] + found["reach"]
         most = max((own.more for own in others), default=0.0)
-        causes = _most(found["cells"], FAR_BEHIND * most) or _most([together], FAR_BEHIND * most)
-        causes += _most(others, BESIDE * max(own.more for own in (*found["cells"], together)))
+        causes = _largest(found["cells"], FAR_BEHIND * most) or _largest([together], FAR_BEHIND * most)
+        causes += _largest(others, BESIDE * max(own.more for own in (*found["cells"], together)))
         every = max([own.more for own in causes], default=0.0)
-        added = _most(found["finer"] + found["all finer"] + found["other"], FAR_BEHIND * every)
+        added = _largest(found["finer"] + found["all finer"] + found["other"], FAR_BEHIND * every)
         return sorted(causes, key=lambda own: -own.more), added
 
     def reached(self, states: FloatArray, step: int, within: int) -> float:
@@ -367,12 +369,12 @@ class Limits:
         """
         longer = table.problem.delta / self.problem.delta
         step = 0 if table.problem.time_invariant else min(int(step / longer), table.steps)
-        within = table.steps if self.ever else min(int(within / longer), table.steps - step)
+        within = table.steps if self.endless else min(int(within / longer), table.steps - step)
         return float(1 - table.outside(states, step, within).mean())
 
     # ---- the copies
 
-    def _few(self, table: Any) -> tuple[tuple[CellAxis, ...], float]:
+    def _coarse_cells(self, table: Any) -> tuple[tuple[CellAxis, ...], float]:
         """The cells of each axis of the copies, and the seconds that all may take.
 
         The table's cells, or fewer, so that about as many copies as are solved take no longer; those that take least
@@ -381,7 +383,7 @@ class Limits:
         """
         few, speeds, many = table.axes, speeds_of(self.problem), PLANNED * (len(table.axes) + 2)
         settles = replace(self.problem, steps=min(self.problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
-        self._model = partial(cost, settles, parts=self.parts, speeds=speeds, boxes=Copy.most_boxes)
+        self._model = partial(cost, settles, parts=self.parts, speeds=speeds, boxes=CoarseProof.most_boxes)
         own = table.proof.seconds if not isinstance(table.proof, GeneralProof) else sum(self._seconds(few, False))
         most, tried, factor = max(SHARE * own, LEAST), list[tuple[float, Any]](), 1.0
         while factor <= COARSEST:
@@ -426,7 +428,7 @@ class Limits:
         names = {"rounding": "creep" if self.problem.has_no_target else "rounding"}
         names |= {} if self.problem.has_no_target else {"target": "whole cells of the target"}
         for one, name in (names | {"clearance": "clearance of whole cells"}).items():
-            yield Trial("cells", name, "", lambda one=one: self._base.taking(one), rest)  # type: ignore[misc]
+            yield Trial("cells", name, "", lambda one=one: self._base.without_losses(one), rest)  # type: ignore[misc]
         for k, name in enumerate(self.problem.grid.names):
             axes = (*self.axes[:k], self._finer(k), *self.axes[k + 1 :])
             proof = partial(self._proof, self.problem, axes)
@@ -454,19 +456,19 @@ class Limits:
         problem, (first, rest) = self.problem, self._seconds(self.axes)
         if problem.time_invariant and not problem.has_no_target and not self.settled and problem.steps < LONGEST:
             longer = partial(replace, problem, steps=2 * problem.steps)
-            proof = lambda: replace(self._base.taking(*CELLS), problem=longer())  # noqa: E731
+            proof = lambda: replace(self._base.without_losses(*CELLS), problem=longer())  # noqa: E731
             yield Trial("reach", "few steps", MORE_STEPS, proof, 2 * rest)
         if isinstance(problem.dynamics.drift, Formula) and problem.dynamics.gain is not None:
             strong = self._freed(dynamics=problem.dynamics.stronger)
             yield Trial("reach", "weak inputs", "stronger inputs", strong, first + rest)
 
-    def _freed(self, **change: Callable[[], Any]) -> Callable[[], Copy]:
+    def _freed(self, **change: Callable[[], Any]) -> Callable[[], CoarseProof]:
         """What makes the proof of the problem without the losses of cells, with fields made by what is given."""
 
-        def made() -> Copy:
+        def made() -> CoarseProof:
             """The prepared proof of the problem with these fields."""
             fields = {name: field() for name, field in change.items()}
-            return self._proof(replace(self.problem, **fields), self.axes).taking(*CELLS)
+            return self._proof(replace(self.problem, **fields), self.axes).without_losses(*CELLS)
 
         return made
 
@@ -485,11 +487,11 @@ class Limits:
         """The trial of the problem with fields changed, which cells lose as much of as before."""
         return Trial("other", "", helps, lambda: self._proof(replace(self.problem, **change), self.axes), seconds)
 
-    def _without(self, name: str) -> Copy:
+    def _without(self, name: str) -> CoarseProof:
         """The proof of the problem without an unsafe set, by its name; ValueError where there is none."""
-        if name not in self._base.lesser:
+        if name not in self._base.without_sets:
             raise ValueError(f"nothing is left to stay clear of without {name!r}")
-        return self._base.lesser[name]
+        return self._base.without_sets[name]
 
     def _finer(self, k: int) -> CellAxis:
         """The cells of axis k, half as wide."""
@@ -507,21 +509,21 @@ class Limits:
                 self._tables[key] = self._solved(trial.proof())
         return self._tables.get(key)
 
-    def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parted: bool = False) -> Copy:
-        """The `Copy` of a problem, prepared, with cells as wide as those of `axes`.
+    def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parted: bool = False) -> CoarseProof:
+        """The `CoarseProof` of a problem, prepared, with cells as wide as those of `axes`.
 
-        Layers are those that the problem has, whatever those of `axes`. parted : whether `Copy.lesser` is filled.
+        Layers are those that the problem has, whatever those of `axes`. parted : whether `CoarseProof.without_sets` is filled.
         ValueError and MemoryError as for `Limits`.
         """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
-        proof: Any = Copy.of(problem, own, self.parts)
+        proof: Any = CoarseProof.of(problem, own, self.parts)
         ends = np.zeros((*proof.low.shape, 2), np.float32)
-        copy: Copy = replace(proof, of_centres=proof.clear.copy(), ends=ends)
+        copy: CoarseProof = replace(proof, of_centres=proof.clear.copy(), ends=ends)
         (copy.parted() if parted else copy).prepare(False)
         return copy
 
-    def _solved(self, proof: Copy) -> Any:
+    def _solved(self, proof: CoarseProof) -> Any:
         """Solve a copy by its proof, which is prepared, and return its table."""
         sets = self.sets(proof, False)
         recursion(sets, proof.problem.most_steps, lambda: None)
@@ -536,7 +538,7 @@ def _quiet() -> Iterator[None]:
         yield
 
 
-def _most(gains: Sequence[Gain], least: float = 0.0) -> list[Gain]:
+def _largest(gains: Sequence[Gain], least: float = 0.0) -> list[Gain]:
     """The gains of at least `least`, of `GAINED`, and of the share `BESIDE` of the largest, the largest first.
 
     gains : in any order, possibly none.

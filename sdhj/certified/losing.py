@@ -90,7 +90,7 @@ class LosingProof(Images):
         return Bounds(self.problem, self.vertices)
 
     @kept
-    def past(self) -> FloatArray:
+    def open_ends(self) -> FloatArray:
         """The unsafe ends of axes, lower and upper, (2, ndim), past which a state is lost; infinite for other ends."""
         return np.stack(self.problem.grid.faces("fails"))
 

@@ -111,9 +111,13 @@ def rates_along(
         """The least and the greatest n . f over boxes (n, ndim), from low to high and within the grid: two (n, K)."""
         if dynamics.gain is None:
             # obligation 2.48
-            pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]
+            pieces = [
+                _component(normals, *dynamics.functions_by_input["drift"][j].bounds(low, high, times, *v)) for v in cut
+            ]
             return np.min([one[0] for one in pieces], axis=0), np.max([one[1] for one in pieces], axis=0)
-        (least, most), gain = (dynamics.each[name][j].bounds(low, high, times) for name in ("drift", "gain"))
+        (least, most), gain = (
+            dynamics.functions_by_input[name][j].bounds(low, high, times) for name in ("drift", "gain")
+        )
         a, b = _component(normals, least, most)
         for d in range(dynamics.disturbance_dim):
             push = np.maximum(*np.abs(_component(normals, gain[0][:, :, d], gain[1][:, :, d]))) * v_most[d]

@@ -17,7 +17,7 @@ from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, w
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.packed import Cells, swap_packed, to_bits, to_words
 from sdhj.kernels.stencils import Moves, grow, reached_words
-from sdhj.kernels.windows import add_led
+from sdhj.kernels.windows import add_predecessors
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
@@ -132,7 +132,7 @@ class Packing:
         boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))  # obligation 3.35
         led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_led(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)  # obligation 3.33
+            add_predecessors(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)  # obligation 3.33
         cells[...] = led if self.proof.shrinks else cells | led  # obligation 3.34
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped, groups: int) -> None:

@@ -258,7 +258,7 @@ class Certified(Options):
         found = sum(len(rows) for rows, _ in sets.added.values()) / sets.shape[0]  # times all rows
         rows = math.prod(axis.count for axis in proof.axes[: proof.rows])
         nbytes = (2 * found + 3) * rows * 8 * -(-(count // rows) // 64) + 4 * len(sets.added) * rows
-        return Estimate(count, round(RUNTIME + proof.peak + nbytes), seconds)
+        return Estimate(count, round(RUNTIME + proof.peak_bytes + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`.
@@ -298,7 +298,7 @@ def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
     widths = np.array([float(axis.width) for axis in axes])
     crossed = float((problem.delta * np.abs(speeds.extremes).max(axis=0) / widths).sum())
     why = f"{multiplied(problem, tubes, count, 'cells')}, an interval in {proof.parts} parts"
-    return Cost(OPERATIONS * (first + rest), RUNTIME + proof.peak, tubes, OPERATIONS * first, crossed, why)
+    return Cost(OPERATIONS * (first + rest), RUNTIME + proof.peak_bytes, tubes, OPERATIONS * first, crossed, why)
 
 
 @dataclass(frozen=True)

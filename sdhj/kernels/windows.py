@@ -50,7 +50,7 @@ def united_in_words(planes, first, last, out):
 
 
 @kernel(parallel=True)
-def mark_met(clear, begin, offset, met, count):
+def clear_inputs_that_meet(clear, begin, offset, met, count):
     """Clear the bits of inputs under which cells are met: bit j % 8 of byte j // 8, where met[j] has the cell's bit.
 
     clear (cells, bytes) : uint8, modified in place. met (L, rows, W) : uint64, a bit for each cell of a row.
@@ -75,7 +75,7 @@ def mark_met(clear, begin, offset, met, count):
 
 
 @kernel(parallel=True)
-def add_led(missing, clear, inputs, wanted, led, count):
+def add_predecessors(missing, clear, inputs, wanted, led, count):
     """Set in `led` the bits of the wanted cells that are not in `missing` and from which one of some inputs is clear.
 
     missing, wanted, led (rows, W) : uint64, a bit for each cell of a row; `led` is modified in place. clear (cells,

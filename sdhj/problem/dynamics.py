@@ -404,7 +404,7 @@ class VectorField(Remembering):
 
         Made once. It does where the formula of that velocity reads it.
         """
-        each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
+        each = [[leaves([one], "p") for one in row.outputs] for row in self.functions_by_input["drift"]]
         return np.array([[[1 + d in one for d in range(self.disturbance_dim)] for one in row] for row in each])
 
     @property
@@ -498,7 +498,7 @@ class VectorField(Remembering):
         return replace(self, drift=Formula.traced("drift", drift, self.ndim))
 
     @kept
-    def each(self) -> dict[str, list[Any]]:
+    def functions_by_input(self) -> dict[str, list[Any]]:
         """Drift, gain and bounds under one input at a time: {"drift": [of input 0, of input 1, ...], "gain": ...,
         "bounds": ...}.
 
@@ -516,7 +516,7 @@ class VectorField(Remembering):
         index : of the number in the flattened results, (ndim,), (ndim, D) or (2, ndim). Only where the dynamics have no
         black box; "gain" and "extremes" only where v enters linearly.
         """
-        found = (self.extremes_of if name == "extremes" else self.each[name])[j]
+        found = (self.extremes_of if name == "extremes" else self.functions_by_input[name])[j]
         return self.remembered((name, j, index), lambda: replace(found, outputs=(found.outputs[index],), shape=()))
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
@@ -525,7 +525,7 @@ class VectorField(Remembering):
         Points and t may be traced. ValueError where a velocity is undefined.
         """
         still = [0.0] * self.disturbance_dim if self.gain is None else []
-        return self.each["drift"][j](points, t, *still)
+        return self.functions_by_input["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
         """The gain of v under input j (an index), at points (M, ndim) and time t, s: (M, ndim, D).
@@ -534,7 +534,7 @@ class VectorField(Remembering):
         the other, the other components being 0, over the range's length; 0 where that is 0.
         """
         if self.gain is not None:
-            return self.each["gain"][j](points, t)
+            return self.functions_by_input["gain"][j](points, t)
         most, columns = self.bounds_at(j, t), []
         for d in range(self.disturbance_dim):
             ends = [
@@ -565,7 +565,7 @@ class VectorField(Remembering):
             """The velocity `one` (M = 1, ndim) at a traced point (1, ndim + D), whose last coordinates are v."""
             return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
 
-        return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
+        return [Formula.traced("velocity", partial(velocity, one), count) for one in self.functions_by_input["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
         """Half-widths of the box of v under input j at time t, (D,), a new array; ValueError where one is below 0.
@@ -575,7 +575,7 @@ class VectorField(Remembering):
         known: dict[int, FloatArray] = self.remembered("bounds", dict)
         if j in known:
             return known[j].copy()
-        bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
+        bounds = self.functions_by_input["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
         if not self.bounds.depends_on_time:
@@ -598,7 +598,7 @@ class VectorField(Remembering):
 
         Only where v enters linearly. Also traced.
         """
-        drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
+        drift, bounds = self.drift_at(points, j, t), self.functions_by_input["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
         return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
 
@@ -631,7 +631,7 @@ class VectorField(Remembering):
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
             v = zip(*self.disturbance_bounds(j, low, high, time, signs), strict=True)
-            return self.each["drift"][j].bounds(low, high, time, *v)
+            return self.functions_by_input["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         least, greatest = self.extremes_of[j].bounds(low, high, time)
@@ -671,7 +671,7 @@ class VectorField(Remembering):
         low, high (M, ndim) : any boxes, at least one; bounds depend on no state. signs : (D,) of -1 and 1, the vertex
         of its box that v keeps to; by default v is any.
         """
-        ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
+        ends = np.array(self.functions_by_input["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
             return np.sort(signs * ends, axis=0)  # obligation 2.30
         most = np.abs(ends).max(axis=0)
@@ -686,7 +686,7 @@ class VectorField(Remembering):
 
         def velocity(points: Any, t: Any) -> Any:
             """drift + sum_d sign_d bounds_d gain_d at traced points (M, ndim) and time t: (M, ndim)."""
-            drift, gain, bounds = (self.each[name][j](points, t) for name in ("drift", "gain", "bounds"))
+            drift, gain, bounds = (self.functions_by_input[name][j](points, t) for name in ("drift", "gain", "bounds"))
             pushes = gain * bounds[:, None] * np.array(signs)
             return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
 
@@ -700,7 +700,7 @@ class VectorField(Remembering):
         j : the input's index. low, high (M, ndim) : corners of boxes of states. time : (begin, end), s. signs : (D,) of
         -1 and 1, the vertex of its box that v keeps to, or None. ValueError where a black box declares too little.
         """
-        drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
+        drift, gain = (self.functions_by_input[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance_bounds(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
         rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)

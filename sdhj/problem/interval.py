@@ -724,7 +724,7 @@ class Interval:
         nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
         for at in product(*map(range, cuts)):
             v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
-            found = dynamics.each["drift"][j].bounds(points, points, (t, t), *v)
+            found = dynamics.functions_by_input["drift"][j].bounds(points, points, (t, t), *v)
             low, high = (end[:, axes].T.reshape(-1, *grid.shape) for end in found)
             lows.append(low.min(axis=places))
             highs.append(high.max(axis=places))

@@ -75,10 +75,10 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
     ndim, D, out = dynamics.ndim, dynamics.disturbance_dim, []
     for j in range(len(dynamics.inputs)):
         known = {leaf("p", 0): leaf("x", ndim)}
-        bounds = rebuilt(dynamics.each["bounds"][j].outputs, known.get)
+        bounds = rebuilt(dynamics.functions_by_input["bounds"][j].outputs, known.get)
         v = [bound * leaf("x", ndim + 1 + d) for d, bound in enumerate(bounds)]
         known |= {leaf("p", 1 + d): one for d, one in enumerate(v)}
-        rows = {name: each[j] for name, each in dynamics.each.items() if isinstance(each[j], Formula)}
+        rows = {name: each[j] for name, each in dynamics.functions_by_input.items() if isinstance(each[j], Formula)}
         parts = {name: rebuilt(row.outputs, known.get) for name, row in rows.items()}
         drift, gain = parts.get("drift", [constant(0.0)] * ndim), parts.get("gain", [constant(0.0)] * ndim * D)
         out.append([sum((gain[i * D + d] * v[d] for d in range(D)), drift[i]) for i in range(ndim)])
@@ -185,7 +185,7 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
         if "gain" in opaque:
             given = opaque["gain"].reads
             reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)
-            ends = dynamics.each["gain"][j].bounds(*_boxes(reads, low, high), time)
+            ends = dynamics.functions_by_input["gain"][j].bounds(*_boxes(reads, low, high), time)
             push = np.maximum(push, (np.abs(ends).max(axis=0) @ most).max(axis=0))
     return slope, push
 

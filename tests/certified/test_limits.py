@@ -211,7 +211,7 @@ def test_where_there_are_no_copies(monkeypatch):
     """Intervals that cannot evaluate a function, say: then nothing is claimed to have been tried."""
     table = solved(line(), 17)
     monkeypatch.setattr(
-        "sdhj.certified.limits.Copy.prepare", lambda self, progress: (_ for _ in ()).throw(ValueError())
+        "sdhj.certified.limits.CoarseProof.prepare", lambda self, progress: (_ for _ in ()).throw(ValueError())
     )
     says = table.explain([0.5])
     assert not says.causes and "cannot be tried" in says.helps[0]

@@ -13,7 +13,7 @@ from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.word_tubes import Lattice, far_beyond, united, windows, with_margins
 from sdhj.kernels.packed import to_bits, to_words
-from sdhj.kernels.windows import add_led
+from sdhj.kernels.windows import add_predecessors
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -98,7 +98,7 @@ def test_cells_are_led_by_inputs_that_are_clear(rng):
     missing, wanted, before = (rng.random((3, 70)) < share for share in (0.4, 0.7, 0.2))
     clear, inputs = rng.integers(0, 256, (210, 2)).astype(np.uint8), np.array([1, 10])
     led = to_words(before)
-    add_led(to_words(missing), clear, inputs, to_words(wanted), led, 70)
+    add_predecessors(to_words(missing), clear, inputs, to_words(wanted), led, 70)
     safe = ((clear[:, 0] >> 1 & 1) | (clear[:, 1] >> 2 & 1)).reshape(3, 70) == 1
     assert np.array_equal(to_bits(led, 70), before | (wanted & ~missing & safe))
     assert 0 < (wanted & ~missing & ~safe & ~before).sum() < (wanted & ~missing & ~before).sum()

@@ -95,7 +95,7 @@ class ArmProof(Proof):
         speed = np.abs(velocities.mean(axis=2)).max(axis=0)
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
         widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
-        needed = cls.needs(problem, axes, parts) if allowed is None else count * widest * (64 + 96 * parts)
+        needed = cls.peak_bytes_for(problem, axes, parts) if allowed is None else count * widest * (64 + 96 * parts)
         require_memory(needed, f"certifying {cells:.1e} cells", "use fewer cells")
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
@@ -127,7 +127,7 @@ class ArmProof(Proof):
         return read_only(np.full(4, STATE_SLACK))
 
     @staticmethod
-    def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
+    def peak_bytes_for(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
         """The bytes that a solve takes at most, without the sets that it finds; an estimate from above.
 
         axes : the cells of each axis. parts : into which an interval is cut under the fastest input.
@@ -138,9 +138,9 @@ class ArmProof(Proof):
         return count * joints + 8 * (count + 6) * -(-n1 * n2 * nx * ny // 64)
 
     @property
-    def peak(self) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds; estimated by `needs`."""
-        return self.needs(self.problem, self.axes, self.parts)
+    def peak_bytes(self) -> int:
+        """The bytes that a solve takes at most, without the sets that it finds; estimated by `peak_bytes_for`."""
+        return self.peak_bytes_for(self.problem, self.axes, self.parts)
 
     @property
     def nbytes(self) -> int:

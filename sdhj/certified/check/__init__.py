@@ -99,10 +99,10 @@ def verify(
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
-            expect_room(Arm.needs(arrays))
+            expect_room(Arm.bytes_needed(arrays))
             sets = Arm(head, arrays)
         elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):  # check 7.11
-            expect_room(Robot.needs(head, arrays, samples))
+            expect_room(Robot.bytes_needed(head, arrays, samples))
             sets = Robot(head, arrays, problem)
     if opaque and problem is None:
         names = ", ".join(f"{name} ({why})" for name, why in opaque.items())

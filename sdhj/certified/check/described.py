@@ -301,7 +301,7 @@ class Functions:
 class Velocity:
     """Bounds on the velocity under each input: drift + gain v, or velocity(v), with |v| <= bounds in each component.
 
-    linear : whether it is drift + gain v. adversaries : the number of components of v.
+    linear : whether it is drift + gain v. disturbance_dim : the number of components of v.
     own : for each of the names "bounds", "drift" and "gain", or "velocity", the function of every input. of : for each
         name an `OfInputs` of these. all : all functions in a list.
     """
@@ -315,7 +315,7 @@ class Velocity:
         d = len(bounds.results) // len(inputs)
         fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED  # check 7.19
         expect(fits, "bounds must have as many results for each input", len(bounds.results))
-        self.ndim, self.adversaries, self.linear = n, d, "drift" in functions
+        self.ndim, self.disturbance_dim, self.linear = n, d, "drift" in functions
         self.own: dict[str, list[Any]] = {"bounds": [bounds.part(j * d, d) for j in range(len(inputs))]}
         for name, each in {"drift": n, "gain": n * d}.items() if self.linear else [("velocity", n)]:
             if name in functions.opaque and self.linear:
@@ -335,7 +335,7 @@ class Velocity:
 
         Of formulas those of this axis alone, but the bounds of v; a black box as a whole.
         """
-        d, some = self.adversaries, list[Any]()
+        d, some = self.disturbance_dim, list[Any]()
         for name, each in self.own.items():
             first, count = {"bounds": (0, d), "gain": (axis * d, d)}.get(name, (axis, 1))
             some += [one.part(first, count) if isinstance(one, Formula) else one for one in each]
@@ -348,7 +348,7 @@ class Velocity:
         return np.array([any(one.reads("x", axis) for one in some) for axis, some in enumerate(each)])
 
     @property
-    def timed(self) -> bool:
+    def depends_on_time(self) -> bool:
         """Whether any of the functions depends on the time."""
         return any(one.reads("p", 0) for one in self.all)
 
@@ -362,7 +362,7 @@ class Velocity:
         some = self.all
         if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):
             some = self.along(axis)
-        return not self.timed and not any(one.reads("x") for one in some)  # check 1.6
+        return not self.depends_on_time and not any(one.reads("x") for one in some)  # check 1.6
 
     def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
         """The least and the greatest velocity under inputs (M,) over boxes (M, ndim) and times: both (M, ndim).
@@ -372,18 +372,18 @@ class Velocity:
         inputs : their indices. low, high : the boxes, (M, ndim). times : from s to s. pushed : under any adversary; if
             False, under none, v = 0.
         """
-        half = np.zeros((1, self.adversaries))
+        half = np.zeros((1, self.disturbance_dim))
         if pushed:  # check 3.31
             half = np.maximum(*map(np.abs, self.of["bounds"].bounds(inputs, low, high, times)))  # check 3.32
         if not self.linear:
-            half = np.broadcast_to(half, (len(low), self.adversaries))
+            half = np.broadcast_to(half, (len(low), self.disturbance_dim))
             pushes = ((-one, one) for one in half.T)  # check 3.34
             return self.of["velocity"].bounds(inputs, low, high, times, *pushes)
         least, most = self.of["drift"].bounds(inputs, low, high, times)
         if not pushed:
             return least, most
         gain = np.maximum(*map(np.abs, self.of["gain"].bounds(inputs, low, high, times)))  # check 3.33
-        each = gain.reshape(-1, self.ndim, self.adversaries) * half[:, None]
-        many = 2 * (1 + self.adversaries)  # roundings, of products and of their sum, with some to spare
+        each = gain.reshape(-1, self.ndim, self.disturbance_dim) * half[:, None]
+        many = 2 * (1 + self.disturbance_dim)  # roundings, of products and of their sum, with some to spare
         push = each.sum(axis=2) * (1 + many * intervals.UNIT) + many * intervals.TINY  # check 3.35
         return intervals.outward(least - push, most + push)

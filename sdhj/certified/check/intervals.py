@@ -76,7 +76,7 @@ def rest(a: Array, b: Array, total: Array) -> Array:
     return (a - (total - second)) + (b - second)
 
 
-def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
+def hull_at_corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
     """The least and the greatest value of a function `of` at the four pairs of ends of a and b, as computed.
 
     Nothing is rounded outward.
@@ -92,7 +92,7 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
 
     of : `np.multiply` or `np.divide`; then b must not hold 0, which is not checked.
     """
-    low, high = outward(*corners(of, a, b), least=TINY)
+    low, high = outward(*hull_at_corners(of, a, b), least=TINY)
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
     return np.where(alike, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)  # check 6.7
@@ -159,7 +159,7 @@ def pow_(a: Interval, b: Interval) -> Interval:
 
     It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)
     """
-    low, high = above(0.0, *outward(*corners(np.power, a, b), UNITS, TINY))
+    low, high = above(0.0, *outward(*hull_at_corners(np.power, a, b), UNITS, TINY))
     defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))  # check 6.11
     return unless(~defined | np.isnan(b[0]), low, high)  # check 6.12
 
@@ -236,7 +236,7 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
         above, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
         y = (above, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))  # check 6.17
         jump = np.array(False)
-    low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
+    low, high = outward(*hull_at_corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
 
 

@@ -52,17 +52,17 @@ def rates_along(
     half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:
         least, most = spread(normals, *velocity.of["drift"].bounds(inputs, low, high, times))
-        shape = -1, velocity.ndim, velocity.adversaries
+        shape = -1, velocity.ndim, velocity.disturbance_dim
         gain = [end.reshape(shape) for end in velocity.of["gain"].bounds(inputs, low, high, times)]
-        for d in range(velocity.adversaries):
+        for d in range(velocity.disturbance_dim):
             far = np.maximum(*map(np.abs, spread(normals, gain[0][:, :, d], gain[1][:, :, d])))
             push = far * half[:, d, None] * (1 + ROUNDED)
             least, most = least - push, most + push  # check 3.52
         return least, most
-    half = np.broadcast_to(half, (len(low), velocity.adversaries))
-    each = max(min(cuts, int(MOST_CUT ** (1 / max(velocity.adversaries, 1)))), 1)
+    half = np.broadcast_to(half, (len(low), velocity.disturbance_dim))
+    each = max(min(cuts, int(MOST_CUT ** (1 / max(velocity.disturbance_dim, 1)))), 1)
     least, most = np.full((len(low), len(normals)), np.inf), np.full((len(low), len(normals)), -np.inf)
-    for at in product(range(each), repeat=velocity.adversaries):
+    for at in product(range(each), repeat=velocity.disturbance_dim):
         shares = [(2 * i / each - 1, 2 * (i + 1) / each - 1) for i in at]
         pieces = [(a * one, b * one) for (a, b), one in zip(shares, half.T, strict=True)]
         a, b = spread(normals, *velocity.of["velocity"].bounds(inputs, low, high, times, *pieces))

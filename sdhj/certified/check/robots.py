@@ -160,7 +160,11 @@ class Robot(Sets):
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
         self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
         # check 7.15
-        expect(not (self.jitter and self.moves.timed), "with jitter the velocity must not depend on time", self.jitter)
+        expect(
+            not (self.jitter and self.moves.depends_on_time),
+            "with jitter the velocity must not depend on time",
+            self.jitter,
+        )
         self.length = self.delta + 2 * self.jitter  # of an interval, at most  # check 3.14
         self.always = 0.0, self.time(self.steps) + self.jitter
         self.has_no_target, self.periodic = self.target is None, self.grid.periodic
@@ -173,7 +177,7 @@ class Robot(Sets):
         self.at_once = AtOnce(self) if many else None
 
     @staticmethod
-    def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
+    def bytes_needed(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
         """About the bytes of memory that a check takes, by the sizes of cells, places, parts and arrays: an estimate.
 
         What is measured is less than half as much again. The file is not checked here: LookupError or TypeError where
@@ -218,7 +222,7 @@ class Robot(Sets):
 
         stated : the proof's part of the head. arrays : the open file. endless : whether sets are said to hold for ever.
         """
-        ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
+        ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.depends_on_time
         # check 7.37
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
         fits = len(flags) == ndim and {True, False}.issuperset(flags)
@@ -263,11 +267,11 @@ class Robot(Sets):
         some = self.known.copy()
         some[list(self.target.axes)] = True  # check 5.17
         counts = np.where(some, self.counts, 1)
-        starts = self.steps if self.moves.timed or self.target.moving else 1  # check 5.18
+        starts = self.steps if self.moves.depends_on_time or self.target.moving else 1  # check 5.18
         strides = np.where(some, np.cumprod([1, *counts[:0:-1]])[::-1], 0)
         return strides, array(arrays, "arrives", np.uint8, starts, math.prod(counts.tolist()), -(-self.count // 8))
 
-    def cover(self) -> list[str]:
+    def faults_of_cells(self) -> list[str]:
         """The faults of the cells, a text each; [] if there are none.
 
         Cells must cover every axis, and a layer must be at a wall. The head says which axes moves do not depend on:
@@ -379,7 +383,7 @@ class Robot(Sets):
             for step, part in product(range(self.steps), range(STRIDES))
         ]
         inputs = range(self.count if self.delay else 0)  # check 3.41
-        for j, times in product(inputs, cuts if self.moves.timed else cuts[:1]):  # check 3.42
+        for j, times in product(inputs, cuts if self.moves.depends_on_time else cuts[:1]):  # check 3.42
             slow, fast = self.velocity(j, boxes, times)
             travel = [np.minimum(slow, 0).min(axis=0), np.maximum(fast, 0).max(axis=0)]  # check 3.40
             if not self.stays_near(j, boxes, times, allowed, stride * np.array(travel)[:, None]).all():
@@ -743,11 +747,11 @@ class Robot(Sets):
         places (P,), tube (P, 2, ndim) : places, and how far the ends of their cells move.
         """
         if not self.known[axis]:
-            return self.carried(axis, tube[:, :, axis])
+            return self.tubes_of_cells(axis, tube[:, :, axis])
         cells, near, edges = self.cells_at(places)[:, axis, None], 2 * self.near[axis], self.edges[axis]
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
 
-    def carried(self, axis: int, tubes: Array) -> tuple[Array, Array]:
+    def tubes_of_cells(self, axis: int, tubes: Array) -> tuple[Array, Array]:
         """The lower and the upper ends of tubes along an axis, from each of its cells: both (M, cells).
 
         With room for the shell. axis : one on which no place is. tubes (M, 2) : how far both ends of a cell move.
@@ -874,7 +878,7 @@ class Robot(Sets):
         """
         n = int(self.counts[-1])
         if self.at_once is not None and self.at_once.leads():
-            return numbers_of(asked & ~self.at_once.led(step, following).reshape(asked.shape), n)
+            return numbers_of(asked & ~self.at_once.cells_led_into(step, following).reshape(asked.shape), n)
         inside = self.sums(unpacked(following, n))
 
         def hold(some: Array) -> Array:
@@ -945,7 +949,7 @@ class Robot(Sets):
         samples : at least 1, or None; more than there are cells: all of them. seed : of the cells drawn, and of the
             states. silent : show no progress bar.
         """
-        ndim, wrong = self.grid.ndim, self.cover()
+        ndim, wrong = self.grid.ndim, self.faults_of_cells()
         yield Claim(COVER, ndim, ndim, wrong)
         if wrong:
             return

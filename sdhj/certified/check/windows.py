@@ -299,7 +299,7 @@ class AtOnce:
             lower and the upper end of a cell move.
         """
         ends, of = np.unique(tubes, axis=0, return_inverse=True)
-        first, last, some = each_once(*lattice.overlapped(k, *self.robot.carried(axis, ends)))
+        first, last, some = each_once(*lattice.overlapped(k, *self.robot.tubes_of_cells(axis, ends)))
         return first, last, some[of.ravel()]
 
     def of_all_cells(self, some: Array, axes: Sequence[int]) -> Array:
@@ -331,10 +331,10 @@ class AtOnce:
         return self.kept[1]
 
     def leads(self) -> bool:
-        """Whether `led` knows where inputs lead: from all cells alike, into boxes of cells, and past no safe end."""
+        """Whether `cells_led_into` knows where inputs lead: all cells alike, into boxes, and past no safe end."""
         return self.places == 1 and self.robot.lines is None and not self.robot.safe.any()
 
-    def led(self, step: int, following: Array) -> Array:
+    def cells_led_into(self, step: int, following: Array) -> Array:
         """From which cells some input is clear and leads all of the cell into a set, or into the target.
 
         uint8, a bit for each cell, packed along the last axis. By the file's moves, flags and arrivals; only where

@@ -195,7 +195,9 @@ def test_cells_are_led_at_once_as_one_by_one(name, robots, monkeypatch):
     numbers = np.arange(len(robot.clear[0]))
     for step, share in itertools.product(range(len(robot.clear)), (0.0, 0.9, 0.99)):
         following = rng.random(numbers.size) < share if share else robot.bits(step + 1, 0)
-        found = unpacked(robot.at_once.led(step, packed(following.reshape(robot.counts))), robot.counts[-1]).ravel()
+        found = unpacked(
+            robot.at_once.cells_led_into(step, packed(following.reshape(robot.counts))), robot.counts[-1]
+        ).ravel()
         counted = robot.sums(following)
         one_by_one = np.any([robot.leads(numbers, step, j, counted) for j in range(robot.count)], axis=0)
         assert np.array_equal(found, one_by_one) and 0 < found.sum() < found.size

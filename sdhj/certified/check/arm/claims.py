@@ -64,7 +64,7 @@ class Scene:
 
     agent : "pursuer" or "evader". given : the recipe's arguments. sensing : a `Sensing`.
     disks (D, 8) : the obstacles, as `disk_at` reads them, grown by the links' half width.
-    goal (8,) : the target likewise; of an evader only its radius counts, as it is where the evader is.
+    target (8,) : the target likewise; of an evader only its radius counts, as it is where the evader is.
     """
 
     def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
@@ -87,7 +87,7 @@ class Scene:
         disks = [disk(f"obstacle {k}", one, given["half_width"]) for k, one in enumerate(given["obstacles"])]
         chased = agent == "pursuer"
         self.given, self.agent, self.disks = given, agent, np.array(disks).reshape(-1, 8)
-        self.goal = disk("the target", given["target"]) if chased else np.array([0.0] * 7 + [given["evader_radius"]])
+        self.target = disk("the target", given["target"]) if chased else np.array([0.0] * 7 + [given["evader_radius"]])
         self.sensing = Sensing(sensing, 4, given["delta"])
         still = not chased or given["target"]["path"]["kind"] == "still"
         expect(self.sensing.jitter == 0 or still, "jitter must fit a target at rest", self.sensing.jitter)
@@ -134,7 +134,7 @@ class Scene:
         angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
         compass = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         off, chased = np.array([float(self.off(axis)) for axis in range(4)]), self.agent == "pursuer"
-        known = arm, inputs, push, chased, agent, delta, self.disks, self.goal
+        known = arm, inputs, push, chased, agent, delta, self.disks, self.target
         times, (q1, q2, x, y) = (held, self.sensing.jitter, self.sensing.delay), edges
         world = World(*known, q1, q2, x, y, compass, parts, off, *times)
         refuse_large(world, given["steps"])
@@ -152,7 +152,7 @@ def refuse_large(world: World, steps: int) -> None:
     world : of `Scene.world`, before it is used. steps : N.
     """
     end = world.delta * steps + world.begin + world.late
-    disks = np.vstack([world.disks, world.goal[None]])
+    disks = np.vstack([world.disks, world.target[None]])
     moves = [(float(np.abs(world.inputs).max()) + world.push) * world.held, world.agent[0] * world.held, *world.off]
     edges = [float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y)]
     places = np.abs(disks) @ np.array([[1, 1, end, end, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0, 1]]).T
@@ -199,11 +199,11 @@ class Arm(Sets):
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
 
     @staticmethod
-    def needs(arrays: h5py.File) -> int:
+    def bytes_needed(arrays: h5py.File) -> int:
         """The bytes that a check takes: three copies of the sets, and for each packed flag a byte."""
         return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
-    def cover(self) -> list[str]:
+    def faults_of_cells(self) -> list[str]:
         """The faults of the cells, a text each; [] if they cover every axis, those of a joint a turn, 2 pi."""
         box = self.scene.box
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
@@ -214,7 +214,7 @@ class Arm(Sets):
 
         Only the first where cells do not cover the axes. seed : of the rows drawn. silent : show no progress bar.
         """
-        yield Claim(COVER, 4, 4, wrong := self.cover())
+        yield Claim(COVER, 4, 4, wrong := self.faults_of_cells())
         if wrong:  # nothing else in the file means what it says
             return
         world, (counts, grow) = self.scene.world(self.edges), cells_added(self)

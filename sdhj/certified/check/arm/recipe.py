@@ -35,7 +35,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
     for j, u in enumerate(inputs):
         ends = moves.bounds(np.array([j]), still, still, (0.0, 0.0), True)
         same = same and all(near(end, [*u, 0.0, 0.0] + way * push) for way, end in zip((-1, 1), ends, strict=True))
-    same = same and not moves.timed and not any(one.reads("x") for one in moves.all)
+    same = same and not moves.depends_on_time and not any(one.reads("x") for one in moves.all)
     expect(same, "velocities of the head must be those of its recipe", given)
     target, unsafe = functions.parts(head["sets"], 4, len(inputs))
     own = [lambda q, t: obstacles(q, t, scene)] * bool(len(scene.disks))
@@ -44,7 +44,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
     same = target is not None and len(unsafe) == len(own) and all(one.inputs is None for one in unsafe)
     expect(same, "sets of the head must be those of its recipe", len(unsafe))
     states: Array = np.random.default_rng(0).uniform(-upper, upper, (STATES, 4))
-    for part, value in zip(parts, (lambda q, t: goal(q, t, scene), *own), strict=True):
+    for part, value in zip(parts, (lambda q, t: target_value(q, t, scene), *own), strict=True):
         for t in np.linspace(0.0, given["delta"] * given["steps"], 5).tolist():
             least, most = part.function.bounds(*[states[:, list(part.axes)]] * 2, (t, t))
             same = near(least[:, 0], value(states, t)) and near(most[:, 0], value(states, t))
@@ -102,7 +102,7 @@ def obstacles(q: Array, t: float, scene: Any) -> Array:
     return np.asarray(np.min(each, axis=0))
 
 
-def goal(q: Array, t: float, scene: Any) -> Array:
+def target_value(q: Array, t: float, scene: Any) -> Array:
     """The distance of the tip at states (M, 4) from the target's centre at time t, less its radius: (M,), m."""
-    at = centre(scene.goal, t) if chased(scene) else q[:, 2:]
-    return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.goal[7])
+    at = centre(scene.target_value, t) if chased(scene) else q[:, 2:]
+    return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.target_value[7])

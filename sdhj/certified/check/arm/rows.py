@@ -32,7 +32,7 @@ def agent_cell(bit, duration, world, part):
 
 
 @compiled()
-def settle(velocity, duration, world, bench, bits):
+def drop_unproved(velocity, duration, world, bench, bits):
     """Drop from bits (words,), in place, the agent's cells from which it is not proved that the arm stays clear.
 
     Clear of the agent, for `duration`, s, under a velocity (2,) of the joints; cells are asked about one by one.
@@ -93,7 +93,7 @@ def check_goals(world, stored, bench, todo):
         near = need.copy()
         sweep(0, 0.0, world, bench, near)  # check 5.9
         need &= ~near
-        settle(still, 0.0, world, bench, need)  # check 5.10
+        drop_unproved(still, 0.0, world, bench, need)  # check 5.10
         need |= near
     else:
         for bit in range(64 * need.size):
@@ -153,7 +153,7 @@ def check_steps(i1, i2, world, stored, bench, todo):
             if not any_bit(need):
                 continue
             if world.chased and careful:
-                settle(world.inputs[j], world.held, world, bench, need)  # check 5.8
+                drop_unproved(world.inputs[j], world.held, world, bench, need)  # check 5.8
             elif world.chased:
                 sweep(j, world.held, world, bench, need)  # check 5.7
             for place in range(len(todo)):
@@ -220,7 +220,7 @@ def clear_of_claims(row, j, ids, marks, world, bench, bits):
         near = bits.copy()
         sweep(j, world.held, world, bench, near)
         bits &= ~near
-        settle(world.inputs[j], world.held, world, bench, bits)
+        drop_unproved(world.inputs[j], world.held, world, bench, bits)
         bits |= near
 
 

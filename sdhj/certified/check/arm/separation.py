@@ -45,7 +45,7 @@ class World(NamedTuple):
     agent: Array  # (2,) greatest speed on each axis; distance of its centre from a link at contact
     delta: float
     disks: Array  # (D, 8) obstacles as `disk_at` reads them, the distance at contact last
-    goal: Array  # (8,) target likewise, its radius last; moves with the agent where that is an evader
+    target: Array  # (8,) target likewise, its radius last; moves with the agent where that is an evader
     q1: Array  # (n + 1,) edges of the cells of each axis
     q2: Array
     x: Array
@@ -285,7 +285,7 @@ def tip_inside(part, t, world, stack):
         size -= 1
         copy(stack[size], box)
         ex, ey, fx, fy, d1, d2 = pose_of(box, world.arm)
-        x, y, _, _ = disk_at(world.goal, t)
+        x, y, _, _ = disk_at(world.target, t)
         hx, hy = 0.0, 0.0
         if not world.chased:
             x, y, hx, hy = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2
@@ -296,9 +296,9 @@ def tip_inside(part, t, world, stack):
                 off_y = ey + fy - y + (ex + turn * fx) * turned + fx * bent
                 furthest = max(furthest, math.hypot(abs(off_x) + hx, abs(off_y) + hy))  # check 5.1
         rest = (l1 * d1 * d1 + l2 * (turn * d1 + d2) ** 2) / 2
-        if furthest + rest + ROUNDING <= world.goal[7]:  # check 4.23
+        if furthest + rest + ROUNDING <= world.target[7]:  # check 4.23
             continue
-        outside = math.hypot(abs(ex + fx - x) + hx, abs(ey + fy - y) + hy) > world.goal[7]
+        outside = math.hypot(abs(ex + fx - x) + hx, abs(ey + fy - y) + hy) > world.target[7]
         if outside or size + 2 >= STACK:
             return False
         halve(box, weights, stack[size], stack[size + 1])
