@@ -110,7 +110,10 @@ class CoarseProof(GeneralProof):
         return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0, 0])
 
     def parted(self) -> "CoarseProof":
-        """This proof, which is not prepared, with `without_sets` filled, in place; empty for more than `MOST_SETS` sets."""
+        """Fill `without_sets` in place, unless there are more than `MOST_SETS` sets; returns this proof.
+
+        To be called before `prepare`.
+        """
         unsafe = self.problem.unsafe
         for one in unsafe if len({part.name for part in unsafe}) == len(unsafe) <= MOST_SETS else ():
             with suppress(ValueError):  # a problem needs something to stay clear of
@@ -512,8 +515,9 @@ class Limits:
     def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parted: bool = False) -> CoarseProof:
         """The `CoarseProof` of a problem, prepared, with cells as wide as those of `axes`.
 
-        Layers are those that the problem has, whatever those of `axes`. parted : whether `CoarseProof.without_sets` is filled.
-        ValueError and MemoryError as for `Limits`.
+        Layers are those that the problem has, whatever those of `axes`. ValueError and MemoryError as for `Limits`.
+
+        parted : whether `CoarseProof.without_sets` is filled.
         """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
