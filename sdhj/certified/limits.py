@@ -327,8 +327,9 @@ class Limits:
         """What limits the table at some states, and what would gain some if added: (causes, added), lists of `Gain`.
 
         In both the one that gains most is first; those that gain little (`_largest`) are left out, so a list may be
-        empty. What may gain most is tried first. What cells lose is not, nor more cells, where `free` shows that it is
-        little, and no more is taken away from the problem once one thing gains `ENOUGH` of what `free` lacks.
+        empty. What may gain most is tried first. What cells lose is not, nor more cells along one axis, where `free`
+        shows that it is little, and no more is taken away from the problem once one thing gains `ENOUGH` of what `free`
+        lacks.
 
         states (M, ndim) : M > 0. step : of the problem. within : the steps to go.
         """
@@ -344,8 +345,9 @@ class Limits:
                 return beyond >= max(GAINED, BESIDE * lost) and most < ENOUGH * beyond
             if kind == "reach":
                 return all(own.more < max(GAINED, FAR_BEHIND * beyond) for some in found.values() for own in some)
-            some = kind == "all finer" and _largest(found["finer"], FAR_BEHIND * lost)
-            return kind == "other" or (lost >= max(GAINED, FAR_BEHIND * most) and not some)
+            if kind == "all finer":  # also where little is lost: on few cells even `free` may lack what more cells have
+                return not _largest(found["finer"], FAR_BEHIND * lost)
+            return kind == "other" or lost >= max(GAINED, FAR_BEHIND * most)
 
         for trial in self._trials(lost >= beyond):
             if matters(trial.kind) and (table := self._table(trial)) is not None:

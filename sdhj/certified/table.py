@@ -32,7 +32,7 @@ from sdhj.table.files import PACKING, TableFileError, read_array, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
-MANY, AT_ONCE = 64, 1 << 22  # points around a state that are all looked up; and around all states at a time
+MANY, AT_ONCE = 64, 1 << 18  # points around a state that are all looked up; and around all states at a time
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 

@@ -1,6 +1,7 @@
 """Certified sets of robots that measure with an error, act late and by a clock that is off."""
 
 import shutil
+import tracemalloc
 from dataclasses import replace
 from functools import cache
 
@@ -16,6 +17,7 @@ from sdhj import Sensing
 from sdhj.certified.cells import moved_bounds
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.table import AT_ONCE
 from sdhj.kernels.packed import to_bits
 from sdhj.table.beside import predicted
 
@@ -50,6 +52,22 @@ def test_the_closed_form(sensing):
         half = 1.0 - 2 * box + n * (0.8 * (0.5 - 2 * sensing.jitter) - 2 * box)
         places = np.array([half - 1.3 * width, half + 1e-6])[:, None]
         assert table.contains([*places, *-places], start=0, within=n).tolist() == [True, False, True, False]
+
+
+def test_many_cells_in_the_box_of_an_error_take_little_memory():
+    """A box holds 200 cells here; all states inside at once would take some 50 MB for each copy of their points."""
+    problem = replace(toys.interval_problem(), sensing=Sensing(0.05))
+    table = sdhj.solve(problem, sdhj.Certified((16_000,)), progress=False)
+    states = np.random.default_rng(0).uniform(-4.0, 4.0, (60_000, 1))
+    few = [table.contains(some, start=0, within=5) for some in np.array_split(states, 100)]
+    tracemalloc.start()
+    try:
+        many = table.contains(states, start=0, within=5)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert np.array_equal(many, np.concatenate(few)) and 0 < many.mean() < 1
+    assert peak < 8 * 8 * AT_ONCE  # numbers of 8 bytes, in a few copies
 
 
 def closing(sensing):

@@ -244,7 +244,7 @@ def test_without_one_set_as_if_it_had_never_been():
     copies = solved(two, 40, 40).limits
     for one in two.unsafe:
         rest = replace(two, unsafe=[other for other in two.unsafe if other is not one])
-        alone = copies._solved(copies._proof(rest, copies.axes).taking("rounding", "target", "clearance"))
+        alone = copies._solved(copies._proof(rest, copies.axes).without_losses("rounding", "target", "clearance"))
         shared = copies._solved(copies._without(one.name))
         assert (alone.bits(start=0, within=12) == shared.bits(start=0, within=12)).all()
 
