@@ -710,7 +710,7 @@ def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
         1,
     )
     nothing = AvoidTubes((), np.full(3, -np.inf, np.float32), (), np.full((1, 3), -np.inf, np.float32))
-    table = LookupTable.empty(problem, "noise", "float32", nothing)
+    table = toys.empty_table(problem, nothing)
     for step, within in ((0, 0), (1, 0), (0, 1)):
         noise = rng.normal(0.2, 1.0, problem.grid.shape) if within else np.inf
         table.value_array(step, within)[:] = np.minimum(problem.goal(step), noise)

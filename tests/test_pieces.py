@@ -308,4 +308,4 @@ def test_margins_of_a_car_that_turns_are_those_halfway() -> None:
                 at += 0.25 / pieces * np.stack([np.cos(heading), np.sin(heading)], axis=1)
             ends = problem.grid.wrapped(np.column_stack([at, states[:, 2] + turn * 0.25]))
             found[:, j] = np.maximum(found[:, j], table.values_at(ends[:, None], 1, batch.steps_after)[:, 0])
-    assert np.nanmax(found - batch.margins) < 0.1 * table.cell
+    assert np.nanmax(found - batch.margins) < 0.1 * table.change_over_cell

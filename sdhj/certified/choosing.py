@@ -327,21 +327,16 @@ def _spread(
         """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd.
 
         crowd is the logarithm of the number of cells, infinite for choices that are ruled out. Along the axis
-        `swapped` then as many cells as the words of these hold, if that is at most twice as many.
+        `swapped` words are filled (`_filled`).
         """
         places = np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
-        for k in swapped:
-            whole = in_whole_words(counts[k, places[k]])
-            if whole <= 2 * counts[k, places[k]]:
-                places[k] = np.searchsorted(counts[k], whole, side="right") - 1
+        places[swapped] = [_filled(counts[k], places[k]) for k in swapped]
         return places
 
     def fits(places: FloatArray) -> bool:
         """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
-        axes = _picked(cells, places.tolist())
-        large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
-        paid = sum(cost(problem, axes, parts, speeds))
-        return bool(lost[every, places].sum() > WORTH and large < MOST_BYTES and paid < CORES * seconds)
+        some = _picked(cells, places.tolist())
+        return lost[every, places].sum() > WORTH and _is_paid(problem, some, parts, seconds, speeds)
 
     least = 2 / (shares**SHARPNESS).max()
     for _ in every:
@@ -368,6 +363,26 @@ def _swapped(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], shares: Flo
     if packed == len(axes) - 1:
         return []
     return [max(np.flatnonzero(~depends).tolist(), key=lambda k: shares[k])]
+
+
+def _is_paid(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, seconds: float, speeds: Speeds
+) -> bool:
+    """Whether a solve with cells `axes` takes no more than `MOST_BYTES` of memory and so many seconds on two cores.
+
+    parts : into which an interval is cut. speeds : of the problem.
+    """
+    large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
+    return large < MOST_BYTES and sum(cost(problem, axes, parts, speeds)) < CORES * seconds
+
+
+def _filled(counts: FloatArray, place: int) -> int:
+    """The index of the largest of ascending `counts` that fits into as many words of 64 cells as counts[place] does.
+
+    `place` itself if these words hold more than twice as many cells.
+    """
+    whole = in_whole_words(counts[place])
+    return int(np.searchsorted(counts, whole, side="right")) - 1 if whole <= 2 * counts[place] else place
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:

@@ -87,7 +87,7 @@ class CoarseProof(GeneralProof):
         In how many boxes each unsafe set is asked for, fewer than in a proof.
     unites : bool
         False: boxes are counted, whatever their number (`GeneralProof.unites`).
-    without_sets : dict
+    _without_sets : dict
         By the name of an unsafe set, the proof of the problem without this set and without all of `CELLS`, which has
         the images of this one and is prepared with it; empty unless `parted` has filled it.
     """
@@ -97,7 +97,7 @@ class CoarseProof(GeneralProof):
     ends: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 0, 2), np.float32))
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
     unites: ClassVar[bool] = False
-    without_sets: "dict[str, CoarseProof]" = field(default_factory=dict)
+    _without_sets: "dict[str, CoarseProof]" = field(default_factory=dict)
     _rounded: dict[tuple[int, int], tuple[Moves, Packing]] = field(default_factory=dict)  # by start and phase
     _turn: list[int] = field(default_factory=lambda: [0, 0])  # how many sets have been made, and the phase
 
@@ -110,7 +110,7 @@ class CoarseProof(GeneralProof):
         return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0, 0])
 
     def parted(self) -> "CoarseProof":
-        """Fill `without_sets` in place, unless there are more than `MOST_SETS` sets; returns this proof.
+        """Fill `_without_sets` in place, unless there are more than `MOST_SETS` sets; returns this proof.
 
         To be called before `prepare`.
         """
@@ -119,8 +119,8 @@ class CoarseProof(GeneralProof):
             with suppress(ValueError):  # a problem needs something to stay clear of
                 problem = replace(self.problem, unsafe=tuple(other for other in unsafe if other is not one))
                 clear = np.full_like(self.clear, 255)
-                self.without_sets[one.name] = replace(
-                    self.without_losses(*CELLS), problem=problem, clear=clear, without_sets={}
+                self._without_sets[one.name] = replace(
+                    self.without_losses(*CELLS), problem=problem, clear=clear, _without_sets={}
                 )
         return self
 
@@ -141,7 +141,7 @@ class CoarseProof(GeneralProof):
             return Packing(self)
         mark, of_centres = partial(self._mark_collisions, self._lattices(False)), self._lattices(False, True)
         mark_centres = [partial(self.without_losses("clearance")._mark_collisions, of_centres)]
-        for name, without in self.without_sets.items():
+        for name, without in self._without_sets.items():
             kept = [own for own, part in zip(of_centres, self._sets_tested_by_cell, strict=True) if part.name != name]
             mark_centres.append(partial(without._mark_collisions, kept))
         arrivals = Arrivals(self)
@@ -202,7 +202,7 @@ class CoarseProof(GeneralProof):
         for j, ends in enumerate(self.ends[start]):
             found = self.in_cells(places, self.centred(places, ends.astype(float)) + (phase - 0.5) * width[:, None])
             low[j], high[j] = (np.clip(one, self.low[start, j], self.high[start, j]) for one in found)
-        return Moves(low, high, self.strides, self.open_ends)
+        return Moves(*read_only((low, high)), self.strides, self.open_ends)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """As `sdhj.certified.general_proof.GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n, in place.
@@ -494,9 +494,9 @@ class Limits:
 
     def _without(self, name: str) -> CoarseProof:
         """The proof of the problem without an unsafe set, by its name; ValueError where there is none."""
-        if name not in self._base.without_sets:
+        if name not in self._base._without_sets:
             raise ValueError(f"nothing is left to stay clear of without {name!r}")
-        return self._base.without_sets[name]
+        return self._base._without_sets[name]
 
     def _finer(self, k: int) -> CellAxis:
         """The cells of axis k, half as wide."""
@@ -519,7 +519,7 @@ class Limits:
 
         Layers are those that the problem has, whatever those of `axes`. ValueError and MemoryError as for `Limits`.
 
-        parted : whether `CoarseProof.without_sets` is filled.
+        parted : whether `CoarseProof._without_sets` is filled.
         """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))

@@ -114,7 +114,7 @@ FALSE = {
     "states near a cell that arrives": ("9.9 zero 11", "aimed", ARRIVE),
     "the lower end of what arrives": ("9.10 zero 15", "plane", ARRIVE),
     "the upper end of what arrives": ("9.11 zero 17", "plane", ARRIVE),
-    "all of what arrives": ("9.12 number 19 0", "plane", ARRIVE),
+    "all of what arrives": ("9.12 number 12 0", "plane", ARRIVE),
     "both halves of what arrives": ("9.13 copy 10 9; copy 16 15", "plane", ARRIVE),
     "what is open does not arrive": ("9.14 drop", "plane", ARRIVE),
     "arrivals that are clear": ("9.15 drop 7", "post in the target", NEARER),

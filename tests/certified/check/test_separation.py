@@ -71,7 +71,7 @@ def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
         )
         share = rng.uniform(0.97, 1.1)
         goal = np.array([*centre, 0.0, 0.0, 0.0, 0.0, 0.0, share * farthest])
-        proved = separation.tip_inside(part_of(cell), 0.0, world._replace(chased=not evader, goal=goal), stack)
+        proved = separation.tip_inside(part_of(cell), 0.0, world._replace(chased=not evader, target=goal), stack)
         assert not proved or share >= 1.0
         outcomes.append((proved, share))
     assert np.mean([proved for proved, share in outcomes if share > 1.05]) > 0.9

@@ -104,5 +104,5 @@ def obstacles(q: Array, t: float, scene: Any) -> Array:
 
 def target_value(q: Array, t: float, scene: Any) -> Array:
     """The distance of the tip at states (M, 4) from the target's centre at time t, less its radius: (M,), m."""
-    at = centre(scene.target_value, t) if chased(scene) else q[:, 2:]
-    return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.target_value[7])
+    at = centre(scene.target, t) if chased(scene) else q[:, 2:]
+    return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.target[7])
