@@ -330,8 +330,7 @@ def _spread(
         `swapped` words are filled (`_filled`).
         """
         places = np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
-        places[swapped] = [_filled(counts[k], places[k]) for k in swapped]
-        return places
+        return np.array([_filled(counts[k], n) if k in swapped else n for k, n in enumerate(places)])
 
     def fits(places: FloatArray) -> bool:
         """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
