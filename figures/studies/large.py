@@ -255,7 +255,7 @@ def space_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
 
 
 def arm(
-    links: int, pursuers: int, nodes: int, slices: tuple[tuple[float, ...], ...], cells: tuple[int, ...] = ()
+    links: int, pursuers: int, nodes: int, slices: tuple[tuple[float, ...], ...], cells: tuple[int, ...] | None = ()
 ) -> Worked:
     """An arm to be worked on; projections drop a coordinate of a pursuer."""
     robot, ndim = ArmPursued(links, pursuers), links + 2 * pursuers
@@ -276,7 +276,7 @@ WORKED: Mapping[str, Worked] = {
         car_hunt,
         ((0, 0, 0.0, 0.0, -1.0), (0, 0, 0.8, 1.0, 0.0), (0, 0, 1.6, 1.6, 1.4)),
     ),
-    "arm": arm(3, 1, 25, ((0.0, 0.24, 0.24), (0.8, -0.15, 0.21), (-0.8, 0.3, 0.03)), (53, 47, 29, 17, 17)),
+    "arm": arm(3, 1, 25, ((0.0, 0.24, 0.24), (0.8, -0.15, 0.21), (-0.8, 0.3, 0.03)), None),
     "hunted": arm(2, 2, 15, ((0.24, 0.24, -0.3, 0.0), (-0.15, 0.21, 0.3, 0.03), (0.3, 0.03, 0.0, -0.3))),
     "space": Worked(
         space,
