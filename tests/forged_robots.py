@@ -235,6 +235,12 @@ def aimed():
     return replace(line(push=0.0), target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 - 1e-10))
 
 
+def slit():
+    """The line, whose target lacks a slit that is thinner than all pieces that images are cut into."""
+    target = sdhj.TargetSet((0,), lambda p, t: np.maximum(np.abs(p[:, 0]) - 1.0, 1e-6 - np.abs(p[:, 0] - 0.1234567)))
+    return replace(line(), target=target)
+
+
 def pole():
     """What is unsafe is told by a function that is undefined at -2.03."""
     part = sdhj.UnsafeSet((0,), lambda p, t: 5.0 + 1.0 / (p[:, 0] + 2.03), name="pole")
@@ -354,6 +360,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "calming": (calming, (160,), 2),
     "nearer": (nearer, (80,), 1),
     "aimed": (aimed, (80,), 1),
+    "slit": (slit, (80,), 1),
     "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
     "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
