@@ -54,8 +54,14 @@ def test_the_closed_form(sensing):
         assert table.contains([*places, *-places], start=0, within=n).tolist() == [True, False, True, False]
 
 
-def test_many_cells_in_the_box_of_an_error_take_little_memory():
-    """A box holds 200 cells here; all states inside at once would take some 50 MB for each copy of their points."""
+@pytest.mark.parametrize("by_cells", [False, True])
+def test_many_cells_in_the_box_of_an_error_take_little_memory(monkeypatch, by_cells):
+    """A box holds 200 cells here; all states inside at once would take some 50 MB for each copy of their points.
+
+    by_cells : every cell is asked about, and none left out because its box or a corner tells.
+    """
+    if by_cells:
+        monkeypatch.setattr("sdhj.certified.table.MANY", 10**9)
     problem = replace(toys.interval_problem(), sensing=Sensing(0.05))
     table = sdhj.solve(problem, sdhj.Certified((16_000,)), progress=False)
     states = np.random.default_rng(0).uniform(-4.0, 4.0, (60_000, 1))
