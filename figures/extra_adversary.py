@@ -109,7 +109,7 @@ def draw(context: Context) -> Figure:
             ax.set_title(f"by hand nothing is left from {limit:.2f} rad/s on")
         else:
             cells = " x ".join(map(str, certified(context.nodes).cells))
-            ax.set_title(f"{context.nodes} nodes an axis; certified: about {cells} cells")
+            ax.set_title(f"{context.nodes} nodes an axis; about {cells} cells")
         ax.set_ylabel(r"share of $\mathcal{C}$ won" if bound == "v_p_max" else "")
     return figure
 
