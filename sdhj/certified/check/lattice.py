@@ -15,11 +15,11 @@ Where tubes go along with their cells the boxes are not counted, but united (`wi
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import product
 
 import numpy as np
 
 from sdhj.certified.check.bits import Array, packed, unpacked
+from sdhj.certified.check.counts import sums
 
 MOST_LATTICE = 1 << 21  # boxes that cells are cut into, at all times together
 MOST_KEPT = 1 << 28  # boxes; for more cells at all times together there is no lattice
@@ -216,33 +216,3 @@ def all_of(flags: Array, side: int) -> Array:
     for axis, n in enumerate(flags.shape if side > 1 else ()):
         flags = np.logical_and.reduceat(flags, np.arange(0, n, side), axis)
     return flags
-
-
-def sums(inside: Array, periodic: Array) -> Array:
-    """How many cells of a set lie below each corner on all axes: (*(n + 1)) int32.
-
-    A periodic axis counts twice over: n is doubled there, so that boxes may go over the seam.
-
-    inside (*n) : bool, which cells are in the set. periodic (axes,) : bool.
-    """
-    for axis in np.flatnonzero(periodic):
-        inside = np.concatenate([inside] * 2, axis=axis)
-    out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
-    for each in range(out.ndim):
-        np.cumsum(out, axis=each, out=out)
-    return out
-
-
-def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """How many cells of boxes are in a set: (M,) int32, by inclusion and exclusion.
-
-    of : what `sums` returned for the set. ends : for each axis the first cell of the boxes and the one past the last,
-        both (M,) int; on a periodic axis up to twice the number of cells. Not checked.
-    """
-    total, flat = np.zeros(len(ends[0][0]), np.int32), of.ravel()
-    strides = np.cumprod([1, *of.shape[:0:-1]])[::-1]
-    own = [(first * stride, past * stride) for (first, past), stride in zip(ends, strides.tolist(), strict=True)]
-    for corner in product((0, 1), repeat=of.ndim):
-        at = sum(pair[side] for pair, side in zip(own, corner, strict=True))
-        total += flat[at] * (-1) ** corner.count(0)
-    return total

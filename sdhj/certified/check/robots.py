@@ -32,9 +32,10 @@ from tqdm import tqdm
 from sdhj.certified.check import balls
 from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, packed, unpacked
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
+from sdhj.certified.check.counts import Spans, boxes_inside, led_into, spans_of, strides_of, sums, tubes_miss
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.lattice import Holds, Lattice, memory, overlap, pieces_of, sums
+from sdhj.certified.check.lattice import Holds, Lattice, memory, pieces_of
 from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
@@ -171,7 +172,8 @@ class Robot(Sets):
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
-        self.lattices: dict[tuple[int, int], tuple[Lattice, list[Array]]] = {}
+        self.lattices, self.boxes_met = dict[int, Lattice](), dict[tuple[int, int], list[Array]]()
+        self.cell_strides = strides_of(self.counts.tolist())
         axes = [part.axes for part in self.unsafe]
         many = worth_while(self.counts.tolist(), self.known.tolist(), self.count, axes)
         self.at_once = AtOnce(self) if many else None
@@ -648,24 +650,33 @@ class Robot(Sets):
                 out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
-    def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
-        """The lattice of an unsafe set, and its boxes counted (`Lattice.counted`), a list of arrays.
+    def lattice_of(self, number: int) -> Lattice:
+        """The lattice of an unsafe set; made once and kept. number : its, in `unsafe`; `pieces` must not be 0 for it."""
+        if number not in self.lattices:
+            part = self.unsafe[number]
+            own = list(part.axes)
+            edges = [self.edges[axis] for axis in own]
+            self.lattices[number] = Lattice(
+                edges, self.pieces(part), self.periodic[own], self.near[own], self.sway[own]
+            )
+        return self.lattices[number]
+
+    def counted(self, number: int, step: int) -> list[Array]:
+        """The boxes of an unsafe set's lattice that may meet it, counted (`Lattice.counted`); made once and kept.
 
         A single array, for all times, where the set stands still; else one for each part of the interval from a step,
-        and the last for all of it. Each lattice is made once and kept.
+        and the last for all of it.
 
-        number : the set's, in `unsafe`. `pieces` must not be 0 for it.
+        number : the set's, in `unsafe`.
         """
         part = self.unsafe[number]
-        own, key = list(part.axes), (number, step if part.moving else 0)
-        if key not in self.lattices:
+        key = number, step if part.moving else 0
+        if key not in self.boxes_met:
             times = list(pairwise(self.cuts(step))) if part.moving else [self.always]
-            edges, pieces = [self.edges[axis] for axis in own], self.pieces(part)
-            boxes = Lattice(edges, pieces, self.periodic[own], self.near[own], self.sway[own])
             when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.58
             signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
-            self.lattices[key] = boxes, boxes.counted(signs)
-        return self.lattices[key]
+            self.boxes_met[key] = self.lattice_of(number).counted(signs)
+        return self.boxes_met[key]
 
     def pieces(self, part: Part) -> int:
         """Into how many pieces cells are cut along each axis for a set's lattice; 0: there are too many cells."""
@@ -682,61 +693,72 @@ class Robot(Sets):
         slow, fast = self.velocity(0, np.tile(middle, (2, 1, 1)), now)
         return (fast - slow)[0] / 2 * self.length + self.off
 
-    def clear_by_lattice(self, step: int, j: int, numbers: Array, places: Array, swept: Array, at: Array) -> Array:
-        """Whether tubes under u_j from cells with flat numbers (M,) are proved clear by the sets' lattices: (M,) bool.
+    def clear_by_lattice(
+        self, j: int, open_: Mapping[int, Array], numbers: Array, places: Array, swept: Array, at: Array
+    ) -> dict[int, Array]:
+        """By step the cells, of those in `open_`, from which the sets' lattices leave it open whether u_j is clear.
 
-        In the interval from a step. False where the lattices leave it open, for which `clear_holds` is to be asked.
+        For these `clear_holds` is to be asked; from the others the tube in the interval from the step is proved clear.
 
-        places (P,), swept (P, parts, 2, ndim) : places, and how far ends of their cells move in each part, the first
-            result of `driven`.
-        at (M,) : which of these P is each cell's.
+        open_ : by step the cells that are asked about, indices (m,) into `numbers` and `at`.
+        numbers (M,) : flat numbers of cells. places (P,), swept (P, parts, 2, ndim) : places, and how far ends of their
+            cells move in each part, the first result of `driven`. at (M,) : which of these P is each cell's.
         """
-        grid, out = self.grid, np.ones(len(numbers), np.bool_)
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
-        for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
+        clear = {step: np.ones(some.size, np.bool_) for step, some in open_.items()}
+        for axis, good in self.within_ends(places, whole):
+            for step, some in open_.items():
+                cells = numbers[some] // self.cell_strides[axis] % good.shape[1]
+                clear[step] &= good[at[some], cells]
+        for number, part in enumerate(self.unsafe):
+            if not part.counts(j):  # check 4.62
+                continue
+            left = {step: np.flatnonzero(good) for step, good in clear.items()}
+            for piece in range(-1, self.parts):  # often the whole tube at once will do
+                if not any(rows.size for rows in left.values()):
+                    break
+                tubes = self.spans(number, places, whole if piece < 0 else swept[:, piece])
+                for step, rows in left.items():
+                    some = open_[step][rows]
+                    good = self.misses(number, step, piece, tubes, numbers[some], at[some])
+                    if piece < 0:
+                        left[step] = rows[~good]
+                    else:
+                        clear[step][rows[~good]], left[step] = False, rows[good]
+        return {step: some[~clear[step]] for step, some in open_.items()}
+
+    def within_ends(self, places: Array, whole: Array) -> Iterator[tuple[int, Array]]:
+        """Yield axes, and whether tubes stay within their unsafe ends: (P, n) bool from each cell there, or (P, 1).
+
+        places (P,), whole (P, 2, ndim) : places, and the farthest that ends of their cells move.
+        """
+        grid = self.grid
+        for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)).tolist():
             low, high = self.along(axis, places, whole)
             room = self.room[axis]
             good = (low >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.60
             good &= (high <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.61
-            out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
-        parts = list(np.moveaxis(swept, 1, 0))
-        for number, part in enumerate(self.unsafe):
-            if not part.counts(j):  # check 4.62
-                continue
-            boxes, found = self.lattice_of(number, step)
-            left = np.flatnonzero(out)
-            # often the whole tube at once will do
-            left = left[~self.misses(boxes, found[-1], part.axes, whole, numbers[left], places, at[left])]
-            for piece, tube in enumerate(parts):
-                counts = found[piece if part.moving else 0]  # check 4.52
-                good = self.misses(boxes, counts, part.axes, tube, numbers[left], places, at[left])
-                out[left[~good]], left = False, left[good]
-        return out
+            yield axis, good
 
-    def misses(
-        self,
-        boxes: Lattice,
-        counts: Array,
-        axes: Sequence[int],
-        tube: Array,
-        numbers: Array,
-        places: Array,
-        at: Array,
-    ) -> Array:
-        """Whether the tubes of the cells with flat numbers (M,) overlap no box that may meet a set: (M,) bool.
+    def spans(self, number: int, places: Array, tube: Array) -> Spans:
+        """The boxes of an unsafe set's lattice that tubes overlap along each of its axes.
 
-        boxes, counts : the set's lattice, and what `Lattice.counted` returned. axes : the set's.
-        places (P,), tube (P, 2, ndim) : places, and how far the ends of their cells move. at (M,) : which of these is
-            each cell's.
+        number : the set's, in `unsafe`. places (P,), tube (P, 2, ndim) : places, and how far the ends of their cells
+            move.
         """
-        spans = [boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)]
-        out = np.empty(len(numbers), np.bool_)
-        for begin in range(0, len(numbers), BOXES_AT_ONCE):
-            own = slice(begin, begin + BOXES_AT_ONCE)
-            cells, rows = self.cells(numbers[own]), at[own]
-            each = [(rows, 0 if self.known[axis] else cells[:, axis]) for axis in axes]
-            ends = [(first[one], last[one] + 1) for (first, last), one in zip(spans, each, strict=True)]
-            out[own] = overlap(counts, ends) == 0  # check 4.63
+        boxes, axes = self.lattice_of(number), self.unsafe[number].axes
+        return spans_of([boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)])
+
+    def misses(self, number: int, step: int, piece: int, tubes: Spans, cells: Array, at: Array) -> Array:
+        """Whether the tubes of cells with flat numbers (M,) overlap no box that may meet a set: (M,) bool.
+
+        number : the set's, in `unsafe`. step, piece : the interval, and the part of it; -1: all of it.
+        tubes : of each place the tube, what `spans` returned. at (M,) : which of these is each cell's.
+        """
+        part, out = self.unsafe[number], np.empty(cells.size, np.bool_)
+        counted = self.counted(number, step)[piece if part.moving else 0]  # check 4.52
+        strides = self.cell_strides[list(part.axes)]
+        tubes_miss(counted.ravel(), strides_of(counted.shape), *tubes, strides, cells, at, out)
         return out
 
     def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
@@ -905,23 +927,27 @@ class Robot(Sets):
         step : the number of the interval; the last one kept stands for later ones. counted : what `sums` returns for
             the set.
         """
-        cells, most = self.cells(numbers), self.counts - 1
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
         out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1  # check 3.45
         left = np.flatnonzero(out)
-        first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
-        # check 3.49
-        gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
-        inside = self.box_inside(first, last, counted)
+        inside = np.empty(left.size, np.bool_)
+        moves = self.safe, self.low[start, j], self.high[start, j], self.strides
+        led_into(*self.as_counted(counted), *moves, numbers[left], inside)
         if self.lines is not None:  # a part of the box will do
-            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))
-            inside[some] = self.lines.inside(self, cells[left[some]], start, j, counted)
-        out[left] = gone | inside
+            cells = self.cells(numbers[left])
+            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells, self.counts))
+            inside[some] = self.lines.inside(self, cells[some], start, j, counted)
         if len(self.arrives):
-            sites = cells @ self.sites
+            some = np.flatnonzero(~inside)
+            sites = self.cells(numbers[left[some]]) @ self.sites
             marks = self.arrives[min(step, len(self.arrives) - 1), sites, j // 8]
-            out[left] |= (marks[left] >> np.uint8(j % 8)) & 1 == 1  # check 3.77
+            inside[some] = (marks >> np.uint8(j % 8)) & 1 == 1  # check 3.77
+        out[left] = inside
         return out
+
+    def as_counted(self, counted: Array) -> tuple[Array, Array, Array, Array]:
+        """What `led_into` and `boxes_inside` read of a set's `sums`: flat, their strides, counts of cells, periods."""
+        return counted.ravel(), strides_of(counted.shape), self.counts, self.periodic
 
     def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
         """Whether all cells of boxes from first to last (M, ndim), inclusive, are in a set: (M,) bool.
@@ -930,12 +956,9 @@ class Robot(Sets):
 
         counted : what `sums` returns for the set.
         """
-        most = self.counts - 1
-        turns, whole = first // self.counts * self.counts, last - first > most
-        first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
-        last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
-        total = overlap(counted, list(zip(first.T, last.T + 1, strict=True)))
-        return total == np.prod(last - first + 1, axis=1)  # check 3.44
+        out = np.empty(len(first), np.bool_)
+        boxes_inside(*self.as_counted(counted), first, last, out)
+        return out
 
     # ---- claims
 
@@ -1076,9 +1099,9 @@ class Robot(Sets):
             looked_at, ways = places[own], swept[own]
             row[looked_at] = np.arange(looked_at.size)
             moving[j] = np.intersect1d(moving[j], looked_at[~held[own]])
+            if counted:
+                open_[j] = self.clear_by_lattice(j, open_[j], numbers, looked_at, ways, row[at])
             for step, some in open_[j].items():
-                if counted:
-                    some = some[~self.clear_by_lattice(step, j, numbers[some], looked_at, ways, row[at[some]])]
                 open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:

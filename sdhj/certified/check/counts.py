@@ -1,0 +1,135 @@
+"""How many cells of a set lie in a box, by counts at its corners: of many boxes one after the other, compiled.
+
+What is counted is the cells of a set (`Robot.leads`), or the boxes of a lattice that may meet one (`lattice`).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sdhj.certified.check.bits import Array, compiled
+
+Spans = tuple[Array, Array, Array]  # of `spans_of`
+
+
+def sums(inside: Array, periodic: Array) -> Array:
+    """How many cells of a set lie below each corner on all axes: (*(n + 1)) int32.
+
+    A periodic axis counts twice over: n is doubled there, so that boxes may go over the seam.
+
+    inside (*n) : bool, which cells are in the set. periodic (axes,) : bool.
+    """
+    for axis in np.flatnonzero(periodic):
+        inside = np.concatenate([inside] * 2, axis=axis)
+    out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
+    for each in range(out.ndim):
+        np.cumsum(out, axis=each, out=out)
+    return out
+
+
+def strides_of(shape: Sequence[int]) -> Array:
+    """How far entries next to each other along each axis are apart in an array that is flat, the last axis fastest."""
+    return np.cumprod([1, *shape[:0:-1]])[::-1].astype(np.int64)
+
+
+@compiled()
+def cells_in(counted, strides, first, past):
+    """How many cells of a box are in a set, by inclusion and exclusion.
+
+    counted : what `sums` returns for the set, flat. strides (axes,) : its `strides_of`. first, past (axes,) : int, the
+        first cell of the box and the one past the last; on a periodic axis up to twice the number of cells. Not checked.
+    """
+    total = 0
+    for corner in range(1 << strides.size):
+        at, sign = 0, 1
+        for axis in range(strides.size):
+            if (corner >> axis) & 1:
+                at += past[axis] * strides[axis]
+            else:
+                at += first[axis] * strides[axis]
+                sign = -sign
+        total += sign * counted[at]
+    return total
+
+
+@compiled()
+def box_inside(counted, strides, counts, periodic, first, past):
+    """Whether all cells of a box are in a set; the box is clipped at bounded ends and goes around periodic axes.
+
+    counted, strides : of the set (`cells_in`). counts (axes,) : how many cells there are. periodic (axes,) : bool.
+    first, past (axes,) : int, any cells, past > first; overwritten.
+    """
+    size = 1
+    for axis in range(counts.size):
+        n = counts[axis]
+        if not periodic[axis]:
+            first[axis], past[axis] = min(max(first[axis], 0), n - 1), min(max(past[axis], 1), n)
+        elif past[axis] - first[axis] > n:
+            first[axis], past[axis] = 0, n
+        else:
+            turns = first[axis] // n * n
+            first[axis], past[axis] = first[axis] - turns, past[axis] - turns
+        size *= past[axis] - first[axis]
+    return cells_in(counted, strides, first, past) == size  # check 3.44
+
+
+@compiled()
+def boxes_inside(counted, strides, counts, periodic, first, last, out):
+    """out[m] = whether all cells of box m, from first[m] to last[m] (M, axes), are in a set (`box_inside`)."""
+    a, b = np.empty(counts.size, np.int64), np.empty(counts.size, np.int64)
+    for m in range(out.size):
+        for axis in range(counts.size):
+            a[axis], b[axis] = first[m, axis], last[m, axis] + 1
+        out[m] = box_inside(counted, strides, counts, periodic, a, b)
+
+
+@compiled()
+def led_into(counted, strides, counts, periodic, safe, low, high, of_places, numbers, out):
+    """out[m] = whether all that the cell with flat number numbers[m] is led to is in a set, or out past a safe end.
+
+    What has wholly left over a safe end by a cell is out.
+
+    counted, strides, counts, periodic : of the set (`box_inside`). safe (axes, 2) : bool, which ends are safe.
+    low, high (places, axes) : the first and the last cell that a cell is led to, less its own index.
+    of_places (axes,) : the cell's place is the sum of these times its indices.
+    """
+    ndim = counts.size
+    own, first, past = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
+    for m in range(numbers.size):
+        number, place = numbers[m], 0
+        for axis in range(ndim - 1, -1, -1):
+            own[axis] = number % counts[axis]
+            number //= counts[axis]
+            place += own[axis] * of_places[axis]
+        gone = False
+        for axis in range(ndim):
+            first[axis], past[axis] = own[axis] + low[place, axis], own[axis] + high[place, axis] + 1
+            gone |= safe[axis, 0] and past[axis] < 0  # check 3.49
+            gone |= safe[axis, 1] and first[axis] > counts[axis]  # check 3.50
+        out[m] = gone or box_inside(counted, strides, counts, periodic, first, past)
+
+
+def spans_of(ends: Sequence[tuple[Array, Array]]) -> Spans:
+    """Which boxes tubes overlap along each axis, as `tubes_miss` reads it: (ends (2, K), begins (axes,), widths (axes,)).
+
+    ends : for each axis the first and the last box (`Lattice.overlapped`), both (tubes, width); width is 1, or the
+        number of cells, for what depends on the cell.
+    """
+    widths = np.array([first.shape[1] for first, _ in ends])
+    begins = np.cumsum([0, *(first.size for first, _ in ends)])[:-1]
+    return np.stack([np.concatenate([pair[side].ravel() for pair in ends]) for side in (0, 1)]), begins, widths
+
+
+@compiled()
+def tubes_miss(counted, strides, ends, begins, widths, cells, numbers, tubes, out):
+    """out[m] = whether tube tubes[m] of the cell with flat number numbers[m] overlaps no box that is counted.
+
+    counted, strides : of the boxes (`cells_in`). ends, begins, widths : what `spans_of` returns.
+    cells (axes,) : the strides of cells along the lattice's axes.
+    """
+    first, past = np.empty(strides.size, np.int64), np.empty(strides.size, np.int64)
+    for m in range(numbers.size):
+        for axis in range(strides.size):
+            at = begins[axis] + tubes[m] * widths[axis] + numbers[m] // cells[axis] % widths[axis]
+            first[axis], past[axis] = ends[0, at], ends[1, at] + 1
+        out[m] = cells_in(counted, strides, first, past) == 0  # check 4.63
