@@ -9,6 +9,9 @@ import numpy as np
 
 from sdhj.certified.check.bits import Array, compiled
 
+RUN = 16  # tubes, around which one box is looked up first
+MOST = 1 << 62  # more than any number of a cell or a box
+
 Spans = tuple[Array, Array, Array]  # of `spans_of`
 
 
@@ -43,11 +46,9 @@ def cells_in(counted, strides, first, past):
     for corner in range(1 << strides.size):
         at, sign = 0, 1
         for axis in range(strides.size):
-            if (corner >> axis) & 1:
-                at += past[axis] * strides[axis]
-            else:
-                at += first[axis] * strides[axis]
-                sign = -sign
+            upper = (corner >> axis) & 1
+            at += (past[axis] if upper else first[axis]) * strides[axis]
+            sign = sign if upper else -sign
         total += sign * counted[at]
     return total
 
@@ -121,15 +122,46 @@ def spans_of(ends: Sequence[tuple[Array, Array]]) -> Spans:
 
 
 @compiled()
-def tubes_miss(counted, strides, ends, begins, widths, cells, numbers, tubes, out):
-    """out[m] = whether tube tubes[m] of the cell with flat number numbers[m] overlaps no box that is counted.
+def tubes_miss(counted, strides, ends, begins, widths, cells, numbers, tubes, some, out):
+    """out[m] = whether the tube of cell some[m] overlaps no box that is counted.
+
+    A box around the tubes of `RUN` cells is looked up first: mostly none is counted there. As cells mostly follow one
+    another, the index of a cell is worked out anew, by a division, only where that of the cell before has ended.
 
     counted, strides : of the boxes (`cells_in`). ends, begins, widths : what `spans_of` returns.
-    cells (axes,) : the strides of cells along the lattice's axes.
+    cells (axes,) : the strides of cells along the lattice's axes. numbers, tubes (M,) : of each cell the flat number,
+        and which of the tubes of `spans_of` is its.
     """
-    first, past = np.empty(strides.size, np.int64), np.empty(strides.size, np.int64)
-    for m in range(numbers.size):
-        for axis in range(strides.size):
-            at = begins[axis] + tubes[m] * widths[axis] + numbers[m] // cells[axis] % widths[axis]
-            first[axis], past[axis] = ends[0, at], ends[1, at] + 1
-        out[m] = cells_in(counted, strides, first, past) == 0  # check 4.63
+    ndim = strides.size
+    places, first, past = np.empty((ndim, RUN), np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
+    for begin in range(0, some.size, RUN):
+        size = min(RUN, some.size - begin)
+        for axis in range(ndim):
+            stride, width, least, most = cells[axis], widths[axis], MOST, 0
+            start, own = MOST, 0  # the first cell with this index, and the index
+            for m in range(size):
+                cell = some[begin + m]
+                number = numbers[cell]
+                if not 0 <= number - start < stride:
+                    start, own = number // stride * stride, number // stride % width
+                at = begins[axis] + tubes[cell] * width + own
+                places[axis, m] = at
+                least, most = min(least, ends[0, at]), max(most, ends[1, at])
+            first[axis], past[axis] = least, most + 1
+        none = cells_in(counted, strides, first, past) == 0  # check 4.78
+        for m in range(size):
+            for axis in range(0 if none else ndim):
+                first[axis], past[axis] = ends[0, places[axis, m]], ends[1, places[axis, m]] + 1
+            out[begin + m] = none or cells_in(counted, strides, first, past) == 0  # check 4.63
+
+
+@compiled()
+def flags_at(flags, stride, numbers, tubes, some, out):
+    """out[m] &= flags[tubes[c], n] for cell c = some[m], whose index along an axis is n; in place.
+
+    flags (tubes, width) : bool; width is 1, or the number of cells along the axis. stride : of cells along the axis.
+    numbers, tubes (M,) : of each cell the flat number, and which of the rows of `flags` is its.
+    """
+    for m in range(some.size):
+        cell = some[m]
+        out[m] &= flags[tubes[cell], numbers[cell] // stride % flags.shape[1]]

@@ -32,7 +32,7 @@ from tqdm import tqdm
 from sdhj.certified.check import balls
 from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, packed, unpacked
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
-from sdhj.certified.check.counts import Spans, boxes_inside, led_into, spans_of, strides_of, sums, tubes_miss
+from sdhj.certified.check.counts import Spans, boxes_inside, flags_at, led_into, spans_of, strides_of, sums, tubes_miss
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
 from sdhj.certified.check.lattice import Holds, Lattice, memory, pieces_of
@@ -708,8 +708,7 @@ class Robot(Sets):
         clear = {step: np.ones(some.size, np.bool_) for step, some in open_.items()}
         for axis, good in self.within_ends(places, whole):
             for step, some in open_.items():
-                cells = numbers[some] // self.cell_strides[axis] % good.shape[1]
-                clear[step] &= good[at[some], cells]
+                flags_at(good, self.cell_strides[axis], numbers, at, some, clear[step])
         for number, part in enumerate(self.unsafe):
             if not part.counts(j):  # check 4.62
                 continue
@@ -719,8 +718,7 @@ class Robot(Sets):
                     break
                 tubes = self.spans(number, places, whole if piece < 0 else swept[:, piece])
                 for step, rows in left.items():
-                    some = open_[step][rows]
-                    good = self.misses(number, step, piece, tubes, numbers[some], at[some])
+                    good = self.misses(number, step, piece, tubes, numbers, at, open_[step][rows])
                     if piece < 0:
                         left[step] = rows[~good]
                     else:
@@ -749,16 +747,19 @@ class Robot(Sets):
         boxes, axes = self.lattice_of(number), self.unsafe[number].axes
         return spans_of([boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)])
 
-    def misses(self, number: int, step: int, piece: int, tubes: Spans, cells: Array, at: Array) -> Array:
-        """Whether the tubes of cells with flat numbers (M,) overlap no box that may meet a set: (M,) bool.
+    def misses(
+        self, number: int, step: int, piece: int, tubes: Spans, numbers: Array, at: Array, some: Array
+    ) -> Array:
+        """Whether the tubes of `some` cells (m,), indices into `numbers`, overlap no box that may meet a set: (m,) bool.
 
         number : the set's, in `unsafe`. step, piece : the interval, and the part of it; -1: all of it.
-        tubes : of each place the tube, what `spans` returned. at (M,) : which of these is each cell's.
+        tubes : of each place the tube, what `spans` returned. numbers, at (M,) : the flat numbers of cells, and which
+            tube is each one's.
         """
-        part, out = self.unsafe[number], np.empty(cells.size, np.bool_)
+        part, out = self.unsafe[number], np.empty(some.size, np.bool_)
         counted = self.counted(number, step)[piece if part.moving else 0]  # check 4.52
         strides = self.cell_strides[list(part.axes)]
-        tubes_miss(counted.ravel(), strides_of(counted.shape), *tubes, strides, cells, at, out)
+        tubes_miss(counted.ravel(), strides_of(counted.shape), *tubes, strides, numbers, at, some, out)
         return out
 
     def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
