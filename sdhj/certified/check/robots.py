@@ -65,6 +65,7 @@ DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
+SLAB = 1 << 14  # cells whose tubes are bounded at once
 HALVES_AT_ONCE = 1 << 12
 NUMBERS_AT_ONCE = 1 << 22  # cells of several inputs
 MOST_IN_BALLS = 100  # cells
@@ -523,12 +524,14 @@ class Robot(Sets):
             more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
             enclosure = box + self.known * (far + more)  # all that is reached within the piece  # check 3.23
             faces = list(product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)))
-            every = [enclosure, *(enclosure.copy(order="K") for _ in faces)]
-            for face, (axis, side) in zip(every[1:], faces, strict=True):
+            every = [enclosure.copy(order="K") for _ in faces]
+            for face, (axis, side) in zip(every, faces, strict=True):
                 face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
+            every += [enclosure] * (len(faces) < out[:, 0].size)  # for ends that are in no face
             found = np.stack(self.velocity(np.tile(j, len(every)), np.concatenate(every, axis=1), times))  # check 3.21
-            out, *each = np.split(found, len(every), axis=1)
-            for own, (axis, side) in zip(each, faces, strict=True):
+            each = np.split(found, len(every), axis=1)
+            out = each[-1].copy(order="K")
+            for own, (axis, side) in zip(each, faces, strict=False):
                 out[side, :, axis] = own[side, :, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
@@ -614,13 +617,14 @@ class Robot(Sets):
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
 
-    def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
+    def clear_holds(self, ends: Array, step: int, j: Any, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
         """Whether tubes under u_j from boxes `ends` are proved clear in the interval from a step: (M,) bool.
 
         Clear of unsafe ends, and of the sets that are unsafe under u_j; what has wholly left over a safe end is not
         asked about.
 
         ends (2, M, ndim) : the corners of the boxes that tubes begin from. step : the number of the interval.
+        j : an index, or (M,).
         swept (P, parts, 2, ndim) : how far ends of boxes move in each part, the first result of `driven`.
         at (M,) : which of these P is each box's.
         depth : how often a box of open sign is halved along each axis, at most.
@@ -635,8 +639,8 @@ class Robot(Sets):
             room = self.room[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.36
             out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.35
-        for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
-            own, left = list(unsafe_set.axes), np.flatnonzero(out)
+        for unsafe_set in self.unsafe:  # check 4.30
+            own, left = list(unsafe_set.axes), np.flatnonzero(out & unsafe_set.counts(j))  # check 4.79
             if not unsafe_set.moving:  # often the whole tube at once will do
                 # check 4.32
                 left = left[
@@ -782,18 +786,18 @@ class Robot(Sets):
         edges, near = self.edges[axis], 2 * self.near[axis]
         return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
-    def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
+    def clear_in_slabs(self, step: int, j: Array, numbers: Array, swept: Array, at: Array) -> Array:
         """Whether tubes under u_j from cells with flat numbers (M,) are proved clear in a step's interval: (M,) bool.
 
-        By `clear_holds`, `BOXES_AT_ONCE` cells at a time to bound memory.
+        By `clear_holds`, `SLAB` cells at a time to bound memory.
 
-        swept (P, parts, 2, ndim) : how far ends of cells move in each part, the first result of `driven`.
-        at (M,) : which of these P is each cell's.
+        j (M,) : inputs. swept (P, parts, 2, ndim) : how far ends of cells move in each part, the first result of
+            `driven`. at (M,) : which of these P is each cell's.
         """
         out = np.empty(numbers.size, np.bool_)
-        for begin in range(0, numbers.size, BOXES_AT_ONCE):
-            own = slice(begin, begin + BOXES_AT_ONCE)
-            out[own] = self.clear_holds(self.ends(self.cells(numbers[own])), step, j, swept, at[own])
+        for begin in range(0, numbers.size, SLAB):
+            own = slice(begin, begin + SLAB)
+            out[own] = self.clear_holds(self.ends(self.cells(numbers[own])), step, j[own], swept, at[own])
         return out
 
     def cuts(self, step: int) -> list[float]:
@@ -1095,15 +1099,21 @@ class Robot(Sets):
                 # check 3.68
                 held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer[0])
         counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
+        rows: dict[int, list[Array]] = {}  # by step, of each input's open cells, which of `swept` is theirs
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
-            own = slice(begin, end)
-            looked_at, ways = places[own], swept[own]
+            looked_at = places[begin:end]
             row[looked_at] = np.arange(looked_at.size)
-            moving[j] = np.intersect1d(moving[j], looked_at[~held[own]])
+            moving[j] = np.intersect1d(moving[j], looked_at[~held[begin:end]])
             if counted:
-                open_[j] = self.clear_by_lattice(j, open_[j], numbers, looked_at, ways, row[at])
+                open_[j] = self.clear_by_lattice(j, open_[j], numbers, looked_at, swept[begin:end], row[at])
             for step, some in open_[j].items():
-                open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
+                rows.setdefault(step, []).append(begin + row[at[some]])
+        for step, each in rows.items():  # of all inputs together
+            every, sizes = np.concatenate([open_[j][step] for j in moving]), [own.size for own in each]
+            inputs = np.array([*moving]).repeat(sizes)
+            left = ~self.clear_in_slabs(step, inputs, numbers[every], swept, np.concatenate(each))
+            for j, own in zip(moving, np.split(np.arange(left.size), np.cumsum(sizes)[:-1]), strict=True):
+                open_[j][step] = every[own][left[own]]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:
         """All inputs, as ranges of indices, in groups of at least one that are looked at together, as memory allows.
