@@ -39,8 +39,9 @@ def strides_of(shape: Sequence[int]) -> Array:
 def cells_in(counted, strides, first, past):
     """How many cells of a box are in a set, by inclusion and exclusion.
 
-    counted : what `sums` returns for the set, flat. strides (axes,) : its `strides_of`. first, past (axes,) : int, the
-        first cell of the box and the one past the last; on a periodic axis up to twice the number of cells. Not checked.
+    counted : what `sums` returns for the set, flat. strides (axes,) : its `strides_of`.
+    first, past (axes,) : int, the first cell of the box and the one past the last; on a periodic axis up to twice the
+        number of cells. Not checked.
     """
     total = 0
     for corner in range(1 << strides.size):
@@ -111,7 +112,7 @@ def led_into(counted, strides, counts, periodic, safe, low, high, of_places, num
 
 
 def spans_of(ends: Sequence[tuple[Array, Array]]) -> Spans:
-    """Which boxes tubes overlap along each axis, as `tubes_miss` reads it: (ends (2, K), begins (axes,), widths (axes,)).
+    """Which boxes tubes overlap along each axis, as `tubes_miss` reads it: ends (2, K), begins and widths (axes,).
 
     ends : for each axis the first and the last box (`Lattice.overlapped`), both (tubes, width); width is 1, or the
         number of cells, for what depends on the cell.

@@ -77,18 +77,19 @@ class BlackBox:
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
         """The least and the greatest values, as its author states them, over boxes and times: both (M, results).
 
-        They are tried at a random state of each box, at a random time between; ValueError where a value is beyond them, and where
+        They are tried at a random state of each box, at both times; ValueError where a value is beyond them, and where
         neither an enclosure nor slope and rate are stated. NaN where a bound is not finite.
 
         low, high : the boxes, (M, coordinates). times : from s to s.
         """
         least, most = self.stated(low, high, times)
-        place, time = low + self.rng.random(low.shape) * (high - low), self.rng.uniform(*times)
-        value = self.shaped(self.given(place, *self.inputs, time))
-        near = BOX_ROUNDED * (np.abs(value) + np.abs(least) + np.abs(most))
-        wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]  # check 7.10
-        what = f"what is stated of the black box {self.name} must hold at {time:g} s and {place[wrong].tolist()}"
-        expect(not wrong.size, what, value[wrong].tolist())  # check 7.9
+        for time in times:
+            place = low + self.rng.random(low.shape) * (high - low)
+            value = self.shaped(self.given(place, *self.inputs, time))
+            near = BOX_ROUNDED * (np.abs(value) + np.abs(least) + np.abs(most))
+            wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]  # check 7.10
+            what = f"what is stated of the black box {self.name} must hold at {time:g} s and {place[wrong].tolist()}"
+            expect(not wrong.size, what, value[wrong].tolist())  # check 7.9
         return least, most
 
     def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:

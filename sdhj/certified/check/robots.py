@@ -19,7 +19,7 @@ state of a box is refused. Nothing that the file itself states of bounds is beli
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from functools import cached_property, partial
 from itertools import pairwise, product
@@ -527,7 +527,8 @@ class Robot(Sets):
             every = [enclosure.copy(order="K") for _ in faces]
             for face, (axis, side) in zip(every, faces, strict=True):
                 face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
-            every += [enclosure] * (len(faces) < out[:, 0].size)  # for ends that are in no face
+            # for ends that are in no face
+            every += [enclosure] * (len(faces) < out[:, 0].size)  # check 3.94
             found = np.stack(self.velocity(np.tile(j, len(every)), np.concatenate(every, axis=1), times))  # check 3.21
             each = np.split(found, len(every), axis=1)
             out = each[-1].copy(order="K")
@@ -640,7 +641,7 @@ class Robot(Sets):
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.36
             out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         for unsafe_set in self.unsafe:  # check 4.30
-            own, left = list(unsafe_set.axes), np.flatnonzero(out & unsafe_set.counts(j))  # check 4.79
+            own, left = list(unsafe_set.axes), np.flatnonzero(out & unsafe_set.counts(j))
             if not unsafe_set.moving:  # often the whole tube at once will do
                 # check 4.32
                 left = left[
@@ -655,7 +656,7 @@ class Robot(Sets):
         return out
 
     def lattice_of(self, number: int) -> Lattice:
-        """The lattice of an unsafe set; made once and kept. number : its, in `unsafe`; `pieces` must not be 0 for it."""
+        """The lattice of an unsafe set, made once and kept; `pieces` must not be 0 for it. number : its, in `unsafe`."""
         if number not in self.lattices:
             part = self.unsafe[number]
             own = list(part.axes)
@@ -751,10 +752,8 @@ class Robot(Sets):
         boxes, axes = self.lattice_of(number), self.unsafe[number].axes
         return spans_of([boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)])
 
-    def misses(
-        self, number: int, step: int, piece: int, tubes: Spans, numbers: Array, at: Array, some: Array
-    ) -> Array:
-        """Whether the tubes of `some` cells (m,), indices into `numbers`, overlap no box that may meet a set: (m,) bool.
+    def misses(self, number: int, step: int, piece: int, tubes: Spans, numbers: Array, at: Array, some: Array) -> Array:
+        """Whether the tubes of `some` cells (m,), indices into `numbers`, overlap no box that may meet a set: (m,).
 
         number : the set's, in `unsafe`. step, piece : the interval, and the part of it; -1: all of it.
         tubes : of each place the tube, what `spans` returned. numbers, at (M,) : the flat numbers of cells, and which

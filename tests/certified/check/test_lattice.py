@@ -5,7 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from sdhj.certified.check.lattice import Lattice, overlap
+from sdhj.certified.check.counts import RUN, spans_of, strides_of, sums, tubes_miss
+from sdhj.certified.check.lattice import Lattice
 
 NEAR, SWAY = np.array([1e-10, 2e-10]), np.array([0.0101, 9.0])  # of which the second is more than a box
 
@@ -80,7 +81,29 @@ def test_boxes_that_may_meet_a_set_are_counted(rng):
     one, other, ever = own.counted([functions[:1], functions[1:]])
     assert np.array_equal(ever, counts) and not np.array_equal(one, ever) and not np.array_equal(other, ever)
     ends = [own.overlapped(axis, *tubes(rng, own.edges[axis])) for axis in range(2)]
-    found = overlap(counts, [(first, last + 1) for first, last in ends])
+    spans, every = spans_of([(first[:, None], last[:, None]) for first, last in ends]), np.arange(400)
     twice = np.concatenate([met, met])
     (a, b), (c, d) = ends
-    assert np.array_equal(found, [twice[a[k] : b[k] + 1, c[k] : d[k] + 1].sum() for k in range(400)])
+    free = [not twice[a[k] : b[k] + 1, c[k] : d[k] + 1].any() for k in range(400)]
+    for some in (every, np.repeat(np.flatnonzero(free), RUN)):  # tubes that all miss are looked up together
+        found = np.empty(some.size, np.bool_)
+        tubes_miss(counts.ravel(), strides_of(counts.shape), *spans, np.ones(2, int), 0 * every, every, some, found)
+        assert np.array_equal(found, np.array(free)[some]) and found.any()
+
+
+def test_tubes_from_cells_are_looked_up_in_any_order(rng):
+    """Whose index along each of three axes, of which the tubes know two, plain division gives."""
+    shape, sizes = (5, 4, 6), np.array([5, 6])
+    met = rng.random(sizes) < 0.1
+    counts = sums(met, np.array([False, False]))
+    first = [rng.integers(0, n, (3, n)) for n in sizes]
+    last = [np.minimum(low + rng.integers(0, 2, low.shape), n - 1) for low, n in zip(first, sizes, strict=True)]
+    numbers, some = rng.permutation(120), rng.integers(0, 120, 500)
+    found, tube = np.empty(500, np.bool_), rng.integers(0, 3, 120)
+    spans = spans_of(list(zip(first, last, strict=True)))
+    tubes_miss(counts.ravel(), strides_of(counts.shape), *spans, np.array([24, 1]), numbers, tube, some, found)
+    for one, said in zip(some.tolist(), found.tolist(), strict=True):
+        x, _, z = np.unravel_index(numbers[one], shape)
+        (a, c), (b, d) = ([ends[k][tube[one], at] for k, at in enumerate((x, z))] for ends in (first, last))
+        assert said == (not met[a : b + 1, c : d + 1].any())
+    assert 0.1 < found.mean() < 0.95
