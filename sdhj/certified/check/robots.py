@@ -656,7 +656,7 @@ class Robot(Sets):
         return out
 
     def lattice_of(self, number: int) -> Lattice:
-        """The lattice of an unsafe set, made once and kept; `pieces` must not be 0 for it. number : its, in `unsafe`."""
+        """The lattice of unsafe set `number`, made once and kept; `pieces` must not be 0 for it."""
         if number not in self.lattices:
             part = self.unsafe[number]
             own = list(part.axes)
@@ -1079,24 +1079,7 @@ class Robot(Sets):
             for each in (some, *(at[cells] for cells in open_[j].values())):
                 flags[each] = True
         which, places = np.nonzero(needed)
-        of, count = np.array([*moving])[which], len(places)
-        swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
-        held = np.empty(count, np.bool_)
-        together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()) * finer[1])  # and their faces
-        for begin in range(0, count, together):
-            own = slice(begin, begin + together)
-            try:
-                swept[own], last = self.driven(places[own], of[own], self.time(start), *finer)  # check 3.20
-            except Unbounded:
-                if finer == FINER[-1]:
-                    raise
-                swept[own], held[own] = np.array([-np.inf, np.inf])[:, None], False
-                continue
-            held[own] = self.moves_hold(places[own], start, of[own], last)  # check 3.30
-            if self.lines is not None:
-                box = self.boxes(places[own])
-                # check 3.68
-                held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer[0])
+        swept, held = self.bounded(start, finer, np.array([*moving])[which], places)
         counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
         rows: dict[int, list[Array]] = {}  # by step, of each input's open cells, which of `swept` is theirs
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
@@ -1107,12 +1090,51 @@ class Robot(Sets):
                 open_[j] = self.clear_by_lattice(j, open_[j], numbers, looked_at, swept[begin:end], row[at])
             for step, some in open_[j].items():
                 rows.setdefault(step, []).append(begin + row[at[some]])
-        for step, each in rows.items():  # of all inputs together
-            every, sizes = np.concatenate([open_[j][step] for j in moving]), [own.size for own in each]
-            inputs = np.array([*moving]).repeat(sizes)
-            left = ~self.clear_in_slabs(step, inputs, numbers[every], swept, np.concatenate(each))
-            for j, own in zip(moving, np.split(np.arange(left.size), np.cumsum(sizes)[:-1]), strict=True):
-                open_[j][step] = every[own][left[own]]
+        for step, of_inputs in rows.items():
+            self.halve(step, open_, numbers, swept, of_inputs)
+
+    def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array]:
+        """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold: (swept, held).
+
+        swept (P, parts, 2, ndim) : the first result of `driven`, infinite where no bounds are found; then held (P,),
+            bool, is False. With the finest bounds, `FINER[-1]`, that is `Unbounded`.
+        start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`.
+        j (P,) : inputs.
+        """
+        count = len(places)
+        swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
+        held = np.empty(count, np.bool_)
+        together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()) * finer[1])  # and their faces
+        for begin in range(0, count, together):
+            own = slice(begin, begin + together)
+            try:
+                swept[own], last = self.driven(places[own], j[own], self.time(start), *finer)  # check 3.20
+            except Unbounded:
+                if finer == FINER[-1]:
+                    raise
+                swept[own], held[own] = np.array([-np.inf, np.inf])[:, None], False
+                continue
+            held[own] = self.moves_hold(places[own], start, j[own], last)  # check 3.30
+            if self.lines is not None:
+                box = self.boxes(places[own])
+                # check 3.68
+                held[own] &= self.lines.hold(self, box, places[own], start, j[own], swept[own], 4 * finer[0])
+        return swept, held
+
+    def halve(
+        self, step: int, open_: dict[int, dict[int, Array]], numbers: Array, swept: Array, rows: list[Array]
+    ) -> None:
+        """Take out of `open_`, in place, what `clear_in_slabs` proves clear in a step's interval, of all inputs.
+
+        open_, numbers : as for `narrow`. swept (P, parts, 2, ndim) : how far ends of cells move in each part.
+        rows : for each input of `open_`, in its order, which of these P are its open cells'.
+        """
+        some, sizes = np.concatenate([own[step] for own in open_.values()]), [own.size for own in rows]
+        inputs = np.array([*open_]).repeat(sizes)
+        left = ~self.clear_in_slabs(step, inputs, numbers[some], swept, np.concatenate(rows))
+        ends = np.cumsum([0, *sizes]).tolist()
+        for own, (begin, end) in zip(open_.values(), pairwise(ends), strict=True):
+            own[step] = some[begin:end][left[begin:end]]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:
         """All inputs, as ranges of indices, in groups of at least one that are looked at together, as memory allows.
