@@ -22,7 +22,7 @@ LIKELY = 0.01  # of the states that are lacking: if "hji" claims fewer of them, 
 UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
 UNDECIDED = "it is not known whether more cells would do: on few nodes the state is too near what can be had"
 UNKNOWN = "it is not known whether more cells would do, as the problem cannot be solved on a grid"
-TWICE = "more than twice the cells, of which twice along an axis are not enough"
+TWICE = "more than twice the cells along an axis, as twice gained nothing on copies of {} cells"
 BEYOND = "nothing that was tried one at a time, nor more cells: several changes at once, or much stronger inputs"
 COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
@@ -131,7 +131,8 @@ def _remedies(limits: Limits, causes: Sequence[Gain], added: Sequence[Gain], dec
     """
     more, out = any(one.helps.startswith(MORE_CELLS) for one in added), [one.helps for one in causes if one.helps]
     if not more and len(out) < len(causes):
-        out.append(TWICE if limits.doubled else UNTRIED)
+        cells = " x ".join(str(axis.count) for axis in limits.axes)
+        out.append(TWICE.format(cells) if limits.doubled else UNTRIED)
     elif not more and not decided:
         out.append(UNKNOWN if limits.grid is None else UNDECIDED)
     return out if out or added else [BEYOND]

@@ -38,9 +38,9 @@ from sdhj.problem.sensing import Sensing
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
 
-FEW_NODES, FEWEST_NODES = 10_000, 5  # of a grid, and along an axis
-WORK = 3e6  # nodes x inputs x tubes: fewer nodes where this would be more
-FEW_CELLS, FEWEST = 2_000, 4  # of a copy, and along an axis
+FEW_NODES, FEWEST_NODES = 5_000, 5  # of a grid, and along an axis
+WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
+FEW_CELLS, FEWEST = 10_000, 4  # of a copy, and along an axis
 SHARE_OF_NODES, SHARE_OF_CELLS = 50, 16  # of so many cells one is a node's, or a copy's, where that is more
 MOST_STEPS = 1000  # that are solved where nothing depends on time
 MORE_STEPS, MORE_ROOM = "more steps", "more room beside"
@@ -55,10 +55,10 @@ GAINED, BESIDE = 0.002, 0.25  # of states; and of what the best gains: less is n
 
 @dataclass(frozen=True)
 class CoarseProof(GeneralProof):
-    """The proof of a copy: with fewer boxes for each unsafe set, as its cells are wide."""
+    """The proof of a copy: with fewer boxes for each unsafe set, and fewer pieces of an interval."""
 
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
-    unites: ClassVar[bool] = False
+    most_pieces: ClassVar[int] = 1
 
 
 class Gain(NamedTuple):
@@ -116,9 +116,7 @@ class Limits:
 
     @cached_property
     def plain(self) -> Any:
-        """The table of the copy to which nothing is added: the table itself if that has few cells; None if refused."""
-        if self.axes == tuple(self.table.axes):
-            return self.table
+        """The table of the copy to which nothing is added; None if it is refused."""
         return self._table("", "nothing", lambda: self._by_cells(self.problem, self.axes))
 
     def gains(self, states: FloatArray, step: int, within: int) -> tuple[list[Gain], list[Gain]]:
