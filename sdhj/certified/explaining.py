@@ -78,10 +78,10 @@ def scanty_finding(table: Any) -> Finding | None:
     and on coarse cells (`Limits`), which takes some time. The target's share is that of `SCANTY_STATES` random states,
     of a fixed seed. table : the `CertifiedTable`.
     """
-    problem, share, limits = table.problem, table.fraction(), table.limits
+    problem, share = table.problem, table.fraction()
     if share > SCANTY:
         return None
-    grid, t = problem.grid, problem.time(0)
+    grid, t, limits = problem.grid, problem.time(0), table.limits
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
     target = 0.0 if problem.has_no_target else float(((problem.target_value(drawn, t) <= 0) & free).mean())
@@ -113,7 +113,7 @@ def _advice(limits: Limits, states: FloatArray, besides: str = "") -> str:
 
     besides : what else is true of these states, in words after "that it lacks".
     """
-    tube = states, 0, limits.table.steps
+    tube = states, 0, limits.steps
     causes, added = limits.gains(*tube)
     told = [f"{one.name} ({one.before:.2g} with it, {one.then:.2g} without)" for one in causes]
     helps = [f"{one.helps} ({one.then:.2g} for {one.before:.2g})" for one in added]
@@ -162,7 +162,8 @@ class _Cell:
     def explained(self, says: str, causes: tuple[str, ...], helps: list[str]) -> Explanation:
         """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice.
 
-        causes, helps : what is known besides (`what_limits`). Failures of inputs whose tube is clear come first, each kind sorted by how much is missing.
+        Failures of inputs whose tube is clear come first, each kind sorted by how much is missing. causes, helps : what
+        is known besides (`what_limits`).
         """
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.image_failure(j) if clear[j] else self.collision_failure(j) for j in range(len(clear))]

@@ -6,13 +6,13 @@ grid of few nodes has about what finer and finer cells come to.
 
 * Where the grid has the state, cells keep it out: *rounding*, of images, of the target and of the clearance to whole
   cells, which is called *creep* without a target. What may help is tried on *copies*, the same problem with fewer and
-  wider cells: twice as many along an axis, and an interval of twice the length. As a copy has less than the table, what
-  counts is what it gains of all that the grid has, and not of the state.
-* Where the grid lacks it, the problem is solved on the grid without one thing at a time: *push*, the adversary; *noise*,
-  what `Sensing` says of errors, delays and jitter; *clearance*, each unsafe set. If nothing of this is it, with twice
-  the steps, with stronger inputs, with an interval of half the length.
+  wider cells: twice as many along an axis, and an interval of twice the length. As a copy may have less than the table,
+  what counts is what it gains of all that the grid has, not whether it has the state.
+* Where the grid lacks it, the problem is solved on the grid without one thing at a time: *push*, the adversary;
+  *noise*, what `Sensing` says of errors, delays and jitter; *clearance*, each unsafe set. If nothing of this is it,
+  with twice the steps, with stronger inputs, with an interval of half the length.
 
-None of these solves is a proof. What a grid lacks of a state within a node of one that it has is not decided.
+None of these solves is a proof. Of a state that the grid lacks but has within a node, nothing is known (`decided`).
 """
 
 import itertools
@@ -38,7 +38,7 @@ from sdhj.problem.sensing import Sensing
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
 
-FEW_NODES, FEWEST_NODES = 5_000, 5  # of a grid, and along an axis
+FEW_NODES, FEWEST_NODES, FINER = 5_000, 5, 4.0  # of a grid; along an axis; and there for each cell, at most
 WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
 FEW_CELLS, FEWEST = 10_000, 4  # of a copy, and along an axis
 SHARE_OF_NODES, SHARE_OF_CELLS = 50, 16  # of so many cells one is a node's, or a copy's, where that is more
@@ -89,11 +89,16 @@ class Limits:
     ----------
     problem : ReachAvoidProblem
         What is solved again: the table's, with `steps` None if the table has settled.
+    own_axes : tuple of CellAxis
+        The table's cells.
+    steps : int
+        Of the table.
     """
 
     def __init__(self, table: Any, sets: Callable[..., Any]) -> None:
         """Nothing is solved yet. table : the `CertifiedTable`. sets : the class `CellSets`, which solves by cells."""
-        problem, self.table, self.sets = table.problem, table, sets
+        problem, self.own_axes, self.parts, self.sets = table.problem, table.axes, table.proof.parts, sets
+        self.steps: int = table.steps
         self.endless = bool(table.details.get("endless"))
         steps = min(problem.steps, MOST_STEPS) if problem.time_invariant else problem.steps
         self.problem: ReachAvoidProblem = replace(problem, recipe={}, steps=None if self.endless else steps)
@@ -111,7 +116,7 @@ class Limits:
 
     @cached_property
     def grid(self) -> Any:
-        """The table of the problem on few nodes, by `HJI`; None where that cannot solve it, as with some black boxes."""
+        """The table of the problem on few nodes, by `HJI`; None where that refuses it, as it does some black boxes."""
         return self._table("", "", self._on_nodes)
 
     @cached_property
@@ -148,10 +153,10 @@ class Limits:
         """
         space = self.problem.grid
         drawn = np.random.default_rng(0).uniform(space.lower, space.upper, (DRAWN, space.ndim))
-        asked = 0, self.table.steps
+        asked = 0, self.steps
         if self.grid is not None and (has := self._has(drawn, *asked, self.grid)).any():
             drawn = drawn[has]
-        return [] if self.plain is None else self._tried(self._of_cells(), drawn, *asked, self.plain, most=1.0)
+        return [] if self.plain is None else self._tried(self._of_cells(), drawn, *asked, self.plain)
 
     def decided(self, states: FloatArray, step: int, within: int) -> bool:
         """Whether the grid tells of most states that it lacks that finer cells would not have them either.
@@ -168,18 +173,16 @@ class Limits:
             near |= self._has(moved, step, within, self.grid)
         return not len(lacked) or float(near.mean()) < ENOUGH
 
-    def _tried(
-        self, trials: Iterator[tuple[str, str, Callable[[], Any]]], *asked: Any, most: float = ENOUGH
-    ) -> list[Gain]:
+    def _tried(self, trials: Iterator[tuple[str, str, Callable[[], Any]]], *asked: Any) -> list[Gain]:
         """What trials gain beyond a table, the largest first (`_largest`).
 
-        asked : states, step and within as for `gains`, and the table. most : no more is tried once one gains this share
-        of what the table lacks.
+        asked : states, step and within as for `gains`, and the table. No more is tried once a cause gains `ENOUGH` of
+        what that lacks.
         """
-        states, step, within, base = asked
+        states, step, within, _ = asked
         before, out = self._share(*asked), list[Gain]()
         for name, helps, made in trials:
-            if any(one.more >= most * (1.0 - before) for one in out):
+            if any(one.name and one.more >= ENOUGH * (1.0 - before) for one in out):
                 break
             if (table := self._table(name, helps, made)) is not None:
                 more = self.problem.steps if helps == MORE_STEPS else 0
@@ -197,7 +200,7 @@ class Limits:
         """
         longer = table.problem.delta / self.problem.delta
         step = 0 if table.problem.time_invariant else min(int(step / longer), table.steps)
-        ever = self.endless and within >= self.table.steps
+        ever = self.endless and within >= self.steps
         within = table.steps if ever else min(int(within / longer), table.steps - step)
         return np.asarray(table.contains(states, start=step, within=within))
 
@@ -221,10 +224,10 @@ class Limits:
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):
             yield "push", LESS_PUSH, lambda: self._on_nodes(dynamics=problem.dynamics.undisturbed())
         if problem.sensing:
-            yield "noise", "a smaller error, delay or jitter", lambda: self._on_nodes(sensing=Sensing())
             if not problem.sensing.remembers:
                 memory = replace(problem.sensing, memory=True)
                 yield "", "Sensing(..., memory=True) and Controller.step", lambda: self._on_nodes(sensing=memory)
+            yield "noise", "a smaller error, delay or jitter", lambda: self._on_nodes(sensing=Sensing())
         for one in unsafe if len(unsafe) <= MOST_SETS else ():
             rest = tuple(other for other in unsafe if other is not one)
             yield f"clearance of {one.name!r}", f"{MORE_ROOM} {one.name!r}", partial(self._on_nodes, unsafe=rest)
@@ -248,11 +251,11 @@ class Limits:
         ValueError and MemoryError as `HJI` raises them.
         """
         problem = self.problem
-        cells = np.array([axis.count for axis in self.table.axes])
+        cells = np.array([axis.count for axis in self.own_axes])
         steps = problem.steps or ENDLESS_STEPS
         tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
         few = max(min(FEW_NODES, WORK / (len(problem.inputs) * tubes)), cells.prod() / SHARE_OF_NODES)
-        nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), 2.0)), FEWEST_NODES) + 1
+        nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), FINER)), FEWEST_NODES) + 1
         made = replace(problem, grid=replace(problem.grid, shape=tuple(nodes.astype(int).tolist())), **change)
         sets = HJI().sets(made, False)
         recursion(sets, made.most_steps, lambda: None)
@@ -263,10 +266,10 @@ class Limits:
     @cached_property
     def axes(self) -> tuple[CellAxis, ...]:
         """The cells of each axis of the copies: the table's, or fewer and at least `FEWEST` along an axis."""
-        cells = np.array([axis.count for axis in self.table.axes])
+        cells = np.array([axis.count for axis in self.own_axes])
         factor = (max(FEW_CELLS, cells.prod() / SHARE_OF_CELLS) / cells.prod()) ** (1 / len(cells))
         if factor >= 1.0:
-            return tuple(self.table.axes)
+            return tuple(self.own_axes)
         return aligned(self.problem, [max(round(factor * one), FEWEST) for one in cells.tolist()])
 
     def _of_cells(self) -> Iterator[tuple[str, str, Callable[[], Any]]]:
@@ -286,7 +289,7 @@ class Limits:
         """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
-        proof: Any = CoarseProof.of(problem, own, self.table.proof.parts)
+        proof: Any = CoarseProof.of(problem, own, self.parts)
         sets = self.sets(proof, False)
         recursion(sets, problem.most_steps, lambda: None)
         return sets.finish({})

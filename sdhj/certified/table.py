@@ -506,11 +506,9 @@ class CertifiedTable(Table):
 
     @cached_property
     def limits(self) -> Limits:
-        """What keeps the table small, by coarse copies of the problem (`sdhj.certified.limits`); for `explain`.
+        """What keeps the table small, by coarse solves of the problem (`sdhj.certified.limits`); for `explain`.
 
-        The copies are solved once, at first use, which takes a part of the time of the table's solve. ValueError if
-        intervals cannot evaluate a function of the problem, as for the arm's case study; MemoryError where there is too
-        little memory.
+        Each is solved once, when it is first asked about.
         """
         return Limits(self, CellSets)
 
