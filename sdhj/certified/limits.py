@@ -41,7 +41,7 @@ from sdhj.solver.recursion import recursion
 FEW_NODES, FEWEST_NODES, FINER = 5_000, 5, 4.0  # of a grid; along an axis; and there for each cell, at most
 WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
 FEW_CELLS, FEWEST = 10_000, 4  # of a copy, and along an axis
-SHARE_OF_NODES, SHARE_OF_CELLS = 50, 16  # of so many cells one is a node's, or a copy's, where that is more
+SHARE_OF_NODES, SHARE_OF_CELLS = 100, 16  # of so many cells one is a node's, or a copy's, where that is more
 MOST_STEPS = 1000  # that are solved where nothing depends on time
 MORE_STEPS, MORE_ROOM = "more steps", "more room beside"
 LESS_PUSH = "a smaller disturbance or stronger inputs"
@@ -161,9 +161,10 @@ class Limits:
     def decided(self, states: FloatArray, step: int, within: int) -> bool:
         """Whether the grid tells of most states that it lacks that finer cells would not have them either.
 
-        Not if it has something within a node of them, or there is no `grid`. Arguments as for `gains`.
+        Not if it has something within a node of them, or nothing anywhere, or there is no `grid`. Arguments as for
+        `gains`.
         """
-        if self.grid is None:
+        if self.grid is None or not self.grid.fraction():
             return False
         space, states = self.grid.problem.grid, states[:MOST_NEAR]
         lacked = states[~self._has(states, step, within, self.grid)]

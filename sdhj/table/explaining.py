@@ -54,9 +54,9 @@ class Explanation:
         What may let an input do so.
     causes : tuple of str
         Only of a certified table, for a state that is not in the tube: what keeps it out, by coarse solves
-        (`sdhj.certified.limits`). "rounding" to whole cells, without a target "creep", where a grid has the state; where
-        it has not, that of which the problem has to be freed to have it there: "push", "noise", "clearance of ..." an
-        unsafe set; "few steps" or "weak inputs" where none of these is it.
+        (`sdhj.certified.limits`). Where a grid has the state, "rounding" to whole cells, without a target "creep";
+        where it has not, that of which the problem has to be freed to have it there: "push", "noise", "clearance of
+        ..." an unsafe set; "few steps" or "weak inputs" where none of these is it.
     """
 
     inside: bool

@@ -168,6 +168,13 @@ def test_creep():
     )
 
 
+def test_more_than_twice_the_cells():
+    """Where twice the cells along an axis still prove nothing, and eight times as many do."""
+    says = solved(joint(0.01), 20, 20).explain([0.0, 0.0])
+    assert says.causes == ("creep",) and "more than twice the cells" in says.helps[-1] and "20 x 20" in says.helps[-1]
+    assert solved(joint(0.01), 80, 160).contains([[0.0, 0.0]])[0]
+
+
 def test_more_cells_along_an_axis():
     """README's car, on few cells: rounding is the cause, and cells that are said to help do."""
     problem = replace(car(), steps=8)
@@ -175,7 +182,7 @@ def test_more_cells_along_an_axis():
     causes, added = told(coarse)
     assert causes[0] == "rounding" and added[0].startswith("more cells along")
     each = zip((32, 32, 31), problem.grid.names, strict=True)
-    cells = [n * (1 + any(one.endswith((name, "every axis")) for one in added)) for n, name in each]
+    cells = [n * (1 + any(one.endswith(name) for one in added)) for n, name in each]
     assert cells != [32, 32, 31] and share(problem, *cells) > coarse.contains(drawn(problem)).mean() + 0.05
 
 
