@@ -559,29 +559,23 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     return Speeds(np.maximum(wider, 0.0), widths, extremes, jacobians, _displacements(problem))
 
 
-def cost(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
-) -> tuple[float, float]:
+def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
     """The seconds of one core that preparing a proof takes, and those of the recursion: (preparing, recursion).
 
     Sums of what `costs` returns, whose arguments these are.
 
     axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
-    boxes : in how many boxes the level-set function of each unsafe set is bounded.
     """
-    each = costs(problem, axes, parts, speeds, boxes)
+    each = costs(problem, axes, parts, speeds)
     return each["intervals"] + each["unsafe sets"] + each["arrivals"], each["recursion"]
 
 
-def costs(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
-) -> dict[str, float]:
+def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> dict[str, float]:
     """Seconds of one core that each part of a solve takes: "intervals", "unsafe sets", "arrivals", "recursion".
 
     Counts of operations times the constants of this module, so the same on every machine.
 
     axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
-    boxes : in how many boxes the level-set function of each unsafe set is bounded.
     """
     depends = place_axes(problem, axes)
     moves, clear = shapes(problem, axes, depends)[1:]
@@ -593,7 +587,7 @@ def costs(
     return {
         # as many calls as of a single place, so that more cells never cost less
         "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),
-        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0], parts), speeds, boxes),
+        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0], parts), speeds),
         "arrivals": _cost_of_arrivals(problem, axes, depends),
         "recursion": _cost_of_recursion(problem, axes, depends, speeds),
     }
@@ -605,13 +599,12 @@ def _cost_of_sets(
     depends: FloatArray,
     often: tuple[int, int, int],
     speeds: Speeds,
-    boxes: int,
 ) -> float:
     """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
 
     axes : the cells of each axis. depends : (ndim,) bool, the axes of a place.
     often : (starts of moves, starts of clear inputs, parts of an interval), how many of each there are.
-    speeds : of the problem. boxes : in how many boxes the level-set function of each unsafe set is bounded.
+    speeds : of the problem.
     """
     (starts, times, parts), count, out = often, len(problem.inputs), 0.0
     cells = math.prod(axis.count for axis in axes)
@@ -627,7 +620,7 @@ def _cost_of_sets(
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
-        out += BOXED * boxes * _operations(unsafe_set.level_set)
+        out += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
     out += GONE * cells * count * starts if problem.grid.has("frees") else 0.0
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)

@@ -1,30 +1,28 @@
 """Why a state is not certified: by which obligation of the proof each input fails, by how much, and what would help."""
 
-import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
-from sdhj.certified.limits import Gain, Limits
+from sdhj.certified.limits import MORE_CELLS, Gain, Limits
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import boxes_in_set, cells_at
 from sdhj.problem.checks import states_array
-from sdhj.problem.findings import Finding, findings
+from sdhj.problem.findings import Finding
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.methods import HJI
-from sdhj.solver.recursion import recursion
 from sdhj.table.explaining import Explanation, Failure, tube_in_words, why_refuted
 
 TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
-SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
+SCANTY, SCANTY_STATES = 0.1, 20_000  # a share that is never scanty; states
 LIKELY = 0.01  # of the states that are lacking: if "hji" claims fewer of them, all of them are asked about
 UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
-TWICE = "more than twice the cells, of which twice along an axis are not enough"
+UNDECIDED = "it is not known whether more cells would do, as few nodes do not tell"
+UNKNOWN = "it is not known whether more cells would do, as the problem cannot be solved on a grid"
+TWICE = "more than twice the cells along an axis, as twice gained nothing on copies of {} cells"
 BEYOND = "nothing that was tried one at a time, nor more cells: several changes at once, or much stronger inputs"
 COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
@@ -35,7 +33,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 
     The state's cell is explained or, with sensing, a cell that the state may be measured in and that is not certified.
     A `within` of None, or above N - step, counts as N - step. Returns an `Explanation`. ValueError if q, step or within
-    does not fit. The first call for a table that lacks the state solves its coarse copies, which takes seconds.
+    does not fit. What a table's first such states need is solved coarsely, which takes up to seconds (`Limits`).
 
     table : the `CertifiedTable`.
     """
@@ -61,25 +59,33 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
         what = "clear of the unsafe sets" if problem.has_no_target else "in the target and clear of the unsafe sets"
         return Explanation(False, f"{says[:-1]}: not all of its cell is {what}.")
     held = np.array([table.holds(cell, step, within) for cell in cells])
-    return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says)
+    causes, helps = what_limits(table.limits, state, step, within)
+    return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says, causes, helps)
+
+
+def what_limits(limits: Limits, state: FloatArray, step: int, within: int) -> tuple[tuple[str, ...], list[str]]:
+    """What keeps a state (1, ndim) out of the tube (step, within), and what may help: causes and advice, as texts."""
+    causes, added = limits.gains(state, step, within)
+    remedies = _remedies(limits, causes, added, limits.decided(state, step, within))
+    return tuple(one.name for one in causes), [*(one.helps for one in added), *remedies]
 
 
 def scanty_finding(table: Any) -> Finding | None:
     """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
 
     Next to nothing is at most the share `SCANTY` of the state space, and either no more than the target's share or less
-    than a tenth of what `HJI` claims on about `FEW_NODES` nodes. The problem is then solved on those nodes and, for
-    what may help, on the table's coarse copies, which takes some time. The target's share is that of
-    `SCANTY_STATES` random states, of a fixed seed. table : the `CertifiedTable`.
+    than a tenth of what `HJI` claims on few nodes. The problem is then solved on these and, for what may help, changed
+    and on coarse cells (`Limits`), which takes some time. The target's share is that of `SCANTY_STATES` random states,
+    of a fixed seed. table : the `CertifiedTable`.
     """
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
         return None
-    grid, t = problem.grid, problem.time(0)
+    grid, t, limits = problem.grid, problem.time(0), table.limits
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
     target = 0.0 if problem.has_no_target else float(((problem.target_value(drawn, t) <= 0) & free).mean())
-    claimed, inside = _on_few_nodes(problem, drawn)
+    claimed = limits.grid.fraction() if limits.grid else 0.0
     if share > target and claimed <= 10 * share:
         return None
     few = share <= target and not problem.has_no_target
@@ -93,68 +99,43 @@ def scanty_finding(table: Any) -> Finding | None:
         lost &= problem.target_value(drawn, t) > 0
     if not lost.any():
         return Finding(message, share, "")
-    likely = (lost & inside).sum() >= max(LIKELY * lost.sum(), 1)
-    lost = lost & inside if likely else lost
+    inside = lost.copy()
+    inside[lost] = limits.grid is not None and limits.grid.contains(drawn[lost])
+    likely = inside.sum() >= max(LIKELY * lost.sum(), 1)
+    lost = inside if likely else lost
     at = np.array2string(drawn[np.argmax(lost)], precision=3, separator=", ")
-    advice = _advice(table, drawn[lost], ' and "hji" claims' * bool(likely))
+    advice = _advice(limits, drawn[lost], ' and "hji" claims' * bool(likely))
     return Finding(f"{message}. ", share, f"{advice}. See table.explain({at})")
 
 
-def _advice(table: Any, states: FloatArray, besides: str = "") -> str:
+def _advice(limits: Limits, states: FloatArray, besides: str = "") -> str:
     """What limits states (M, ndim), M > 0, that a table lacks at step 0, and what may help, by its copies: a text.
 
     besides : what else is true of these states, in words after "that it lacks".
     """
-    if (limits := _limits(table)) is None:
-        return f"What may help: {UNTRIED}"
-    causes, added = limits.gains(states, 0, table.steps)
+    tube = states, 0, limits.steps
+    causes, added = limits.gains(*tube)
     told = [f"{one.name} ({one.before:.2g} with it, {one.then:.2g} without)" for one in causes]
     helps = [f"{one.helps} ({one.then:.2g} for {one.before:.2g})" for one in added]
-    helps += _remedies(limits, causes, added)
-    of = f"of the states {'' if table.problem.has_no_target else 'outside the target '}that it lacks{besides}"
-    by = f", by the shares that copies of {limits.cells} cells have {of}: {'; '.join(told) or 'nothing that was tried'}"
+    helps += _remedies(limits, causes, added, limits.decided(*tube))
+    of = f"of the states {'' if limits.problem.has_no_target else 'outside the target '}that it lacks{besides}"
+    by = f", by the shares {of} that coarse solves have: {'; '.join(told) or 'nothing that was tried'}"
     return f"What limits it{by}. What may help: {'; '.join(helps)}"
 
 
-def _remedies(limits: Limits, causes: Sequence[Gain], added: Sequence[Gain]) -> list[str]:
+def _remedies(limits: Limits, causes: Sequence[Gain], added: Sequence[Gain], decided: bool) -> list[str]:
     """What helps against causes, as texts; more cells too, where for some cause nothing is known.
 
-    causes, added : as `limits.gains` returns them. More cells are not named again if they are among `added`.
+    causes, added : as `limits.gains` returns them. More cells are not named again if they are among `added`. decided :
+    whether more cells would surely not do where they are no cause (`Limits.decided`).
     """
-    if not causes and not added:
-        return [BEYOND]
-    out = [one.helps for one in causes if one.helps]
-    of_cells = len(out) < len(causes) and not any(one.helps.startswith("more cells") for one in added)
-    doubled = all(("", f"more cells along {name}") in limits.tried for name in limits.problem.grid.names)
-    return out + [TWICE if doubled else "more cells"] * of_cells
-
-
-def _limits(table: Any) -> Any:
-    """The `Limits` of a table, solved at first use; None where its problem has no copies."""
-    try:
-        return table.limits
-    except (ValueError, MemoryError):  # intervals cannot evaluate a function, say
-        return None
-
-
-def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
-    """The share of the state space in the tube of `HJI` on a coarse grid, and which of `states` are in it.
-
-    (share, (M,) bool) for states (M, ndim); 0.0 and all False where the method cannot solve the problem. Warnings and
-    findings of this solve are dropped.
-    """
-    grid, most = problem.grid, int(FEW_NODES ** (1 / problem.grid.ndim))
-    few = replace(grid, shape=tuple(min(n, most) for n in grid.shape))
-    with warnings.catch_warnings(), findings():
-        warnings.simplefilter("ignore")
-        try:
-            coarse = replace(problem, grid=few, recipe={}, sensing=replace(problem.sensing, memory=False))
-            sets = HJI().sets(coarse, False)
-            recursion(sets, coarse.most_steps, lambda: None)
-            table = sets.finish({})
-        except ValueError:  # a black box that a grid does not take, say
-            return 0.0, np.zeros(len(states), np.bool_)
-    return table.fraction(), table.contains(states)
+    more, out = any(one.helps.startswith(MORE_CELLS) for one in added), [one.helps for one in causes if one.helps]
+    if not more and len(out) < len(causes):
+        cells = " x ".join(str(axis.count) for axis in limits.axes)
+        out.append(TWICE.format(cells) if limits.doubled else UNTRIED)
+    elif not more and not decided:
+        out.append(UNKNOWN if limits.grid is None else UNDECIDED)
+    return out if out or added else [BEYOND]
 
 
 class _Cell:
@@ -178,23 +159,16 @@ class _Cell:
         nothing, every = np.zeros((1, 1, 1, 1), np.int16), np.ones(len(cell), np.int64)
         self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
 
-    def explained(self, says: str) -> Explanation:
+    def explained(self, says: str, causes: tuple[str, ...], helps: list[str]) -> Explanation:
         """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice.
 
-        Failures of inputs whose tube is clear come first, each kind sorted by how much is missing.
+        Failures of inputs whose tube is clear come first, each kind sorted by how much is missing. causes, helps : what
+        is known besides (`what_limits`).
         """
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.image_failure(j) if clear[j] else self.collision_failure(j) for j in range(len(clear))]
         failures.sort(key=lambda one: (one.by not in COVER, -one.short))
-        causes, helps = self.limits()
         return Explanation(False, says, tuple(failures), (*helps, *self.helps(failures[0])), causes)
-
-    def limits(self) -> tuple[tuple[str, ...], list[str]]:
-        """What keeps the state out, and what helps, by the table's copies: causes and advice, as texts."""
-        if (limits := _limits(self.table)) is None:
-            return (), [UNTRIED]
-        causes, added = limits.gains(self.state[None], self.step, self.within)
-        return tuple(one.name for one in causes), [*(one.helps for one in added), *_remedies(limits, causes, added)]
 
     # ---- the two obligations
 

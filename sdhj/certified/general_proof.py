@@ -64,7 +64,6 @@ def lattice_of(
     steps: int,
     sway: FloatArray,
     most: int = BOXES_OF_A_SET,
-    centres: bool = False,
 ) -> Boxes:
     """A lattice of boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
@@ -79,7 +78,6 @@ def lattice_of(
     sway (ndim,) : how far most tubes stick out of their cells to both sides. Along an axis where that is less than a
         box, boxes are wider by it when the set is bounded, and tubes are looked up without it.
     most : about how many boxes there are at most, at all times and for all steps together; a cell is at least one.
-    centres : count the boxes whose centre may be in the set, instead of those that may meet it; that proves nothing.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
     boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
@@ -91,8 +89,6 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
-    if centres:
-        low = high = [begin + step / 2 for begin, step in zip(corner, pitch, strict=True)]
     sums, some = [], [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
     for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
         for k in np.flatnonzero(own.periodic).tolist():
@@ -195,7 +191,7 @@ class GeneralProof(Images):
     _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
     most_boxes: ClassVar[int] = BOXES_OF_A_SET
-    unites: ClassVar[bool] = True  # boxes, where these are too many to be counted
+    most_pieces: ClassVar[int] = FINEST
 
     @property
     def lines(self) -> Lines:
@@ -364,7 +360,8 @@ class GeneralProof(Images):
             if in_words:
                 kept[start, j, some] = tubes
 
-        self.fill(int(finest(self.problem, self.parts, self.low.shape)), progress, use)
+        pieces = min(int(finest(self.problem, self.parts, self.low.shape)), self.most_pieces)
+        self.fill(pieces, progress, use)
         self._drawn.append(drawing.lines)
         for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
             self._mark_in_words(unsafe_set, kept[..., list(unsafe_set.axes), :])
@@ -377,7 +374,7 @@ class GeneralProof(Images):
 
         None if there are more than `TUBES_AT_HAND` tubes, which have to be kept for it.
         """
-        few = self.unites and math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
+        few = math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
         depends = self.strides > 0
         return tuple(
             one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
@@ -549,12 +546,12 @@ class GeneralProof(Images):
             out.append([(t0 - late, t1 + late) for t0, t1 in cuts])  # obligation 4.8
         return out
 
-    def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
+    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each of `_sets_tested_by_cell` its lattices (`lattice_of`): one for each step, or one if it stands still.
 
-        progress : whether to show a bar, as for `sdhj.solve`. centres : count the boxes whose centre may be in the set.
+        progress : whether to show a bar, as for `sdhj.solve`.
         """
-        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
+        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes)
         return [
             [made(part, times, len(spans), self._sway) for times in spans]
             for part in tqdm(self._sets_tested_by_cell, desc="unsafe sets", leave=False, disable=hidden(progress))

@@ -182,14 +182,6 @@ class Proof:
         """Whether all cells are looked at for S_k^1, not only those whose images may hold cells of S_{k+1}^0."""
         return self.shrinks
 
-    @property
-    def phases(self) -> int:
-        """After how many steps in a row without a change sets will not change any more; here 1.
-
-        All steps have the same images here; a proof whose images go through several phases needs as many.
-        """
-        return 1
-
     @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code (`Cells`), made once, at first use."""

@@ -1,260 +1,72 @@
-"""What keeps a certified table small: its problem solved again on few cells, each time without one cause.
+"""What keeps a certified table small, and what would help: its problem solved again, on a grid and on few cells.
 
-What a cell loses in one step comes back in the next as an image that is not covered, so no look at one state tells the
-cause. A *copy* of the problem has coarser cells. Of these something is taken away:
+A state that a table lacks is kept out by the problem itself or by its cells, and what a cell loses in one step comes
+back in the next, so no look at one state tells which. Method "hji" does: nothing is rounded to whole cells there, so a
+grid of few nodes has about what finer and finer cells come to.
 
-* *rounding*, or without a target *creep*: images are rounded out to all cells that they overlap. Without it an image is
-  what the centre of a cell may lead to, [a, b] on an axis in cells: those from floor(a + p) to floor(b + p), where p
-  goes through `PHASES` from step to step, so that on the average nothing is added to it;
-* *target*: only cells that are wholly in the target count. Without it those count of which the centre is;
-* *clearance*: the tube of a whole cell has to stay clear of unsafe sets. Without it that of its centre. At an unsafe
-  end it is the whole cell's in any case: a centre that leaves by half a cell would be back in its cell.
+* Where the grid has the state, cells keep it out: *rounding*, of images, of the target and of the clearance to whole
+  cells, which is called *creep* without a target. What may help is tried on *copies*, the same problem with fewer and
+  wider cells: twice as many along an axis, and an interval of twice the length. As a copy may have less than the table,
+  what counts is what it gains of all that the grid has, not whether it has the state.
+* Where the grid lacks it, the problem is solved on the grid without one thing at a time: *push*, the adversary;
+  *noise*, what `Sensing` says of errors, delays and jitter; *clearance*, each unsafe set. If nothing of this is it,
+  with twice the steps, with stronger inputs, with an interval of half the length.
 
-With all three taken away cells lose nearly nothing, and what a copy has then is about what the problem has. From such a
-copy is taken away what is of the problem itself: *push*, the adversary; *noise*, what `Sensing` says of errors, delays
-and jitter; *clearance* again, each unsafe set; and if nothing of all this is it, the number of steps and what inputs
-cannot do. And to the copy that lacks nothing is added what a user might try: twice the cells along an axis, an interval
-of twice the length or of half, a controller that remembers.
-
-No copy is a proof, and all images of copies are boxes. What counts is what it has more than the copy that it was made
-from.
+None of these solves is a proof. Of a state that the grid lacks but has within a node, nothing is known (`decided`).
 """
 
+import itertools
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, ClassVar, NamedTuple, cast
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.arrivals import HALVINGS, MOST_PIECES, Arrivals
 from sdhj.certified.cells import CellAxis, aligned, axis_of, layers_of
-from sdhj.certified.choosing import cost, speeds_of
-from sdhj.certified.general_proof import GeneralProof, finest
+from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import BOXES_OF_A_SET
-from sdhj.certified.packing import Changes, Packing
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import is_constant
-from sdhj.kernels import FloatArray, read_only
-from sdhj.kernels.stencils import Moves
+from sdhj.kernels import FloatArray
 from sdhj.problem.cost import ENDLESS_STEPS
 from sdhj.problem.findings import findings
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
+from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
 
-PHASES = (0.5, 0.125, 0.75, 0.375, 0.9375, 0.25, 0.625, 0.0625)  # each about as far from those before as can be
-CELLS = frozenset({"rounding", "target", "clearance"})
-EVERY = "more cells along every axis"
-MOST_AXES = 3  # that are cut finer at once
-LONGEST, EVER = 60, 1000  # steps of a copy, and for ever
-SHARE, LEAST = 0.8, 1.2  # of the solve's time for all copies, by the model; and seconds that they always have
-PLANNED = 1.2  # copies that are solved, about, for each axis and two more
-# seconds, however few cells there are: of a solve, of an input in one interval, and of an entry
-START, CALL, ENTRY = 3e-3, 8e-4, 3e-4  # of an input and an entry where all cells move alike
-MOST_ENTRIES = 200  # after about so many nothing changes any more
-ENOUGH = 0.5  # of what is missing without the losses of cells: a cause that gains so much is the last that is tried
-MORE_STEPS = "more steps"
-KINDS = ("cells", "problem", "reach", "finer", "all finer", "other")
-COARSER, COARSEST, FEWEST = 1.25, 4.0, 4  # from one try of cells to the next, and at most; cells of an axis
+FEW_NODES, FEWEST_NODES, FINER = 5_000, 5, 4.0  # of a grid; along an axis; and there for each cell, at most
+WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
+FEW_CELLS, FEWEST = 10_000, 4  # of a copy, and along an axis
+SHARE_OF_NODES, SHARE_OF_CELLS = 100, 16  # of so many cells one is a node's, or a copy's, where that is more
+MOST_STEPS = 1000  # that are solved where nothing depends on time
+MORE_STEPS, MORE_ROOM = "more steps", "more room beside"
+LESS_PUSH = "a smaller disturbance or stronger inputs"
+MORE_CELLS = "more cells along"
+DRAWN = 2000  # states of which is asked what changes of cells gain
 MOST_SETS = 4  # unsafe sets that are taken away one at a time, if there are no more
-GAINED, BESIDE = 0.002, 0.25  # of states; and of what the best of its kind gains: less is not said
-FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for what cells lose
+MOST_NEAR = 500  # states whose neighbourhood is looked at
+ENOUGH = 0.5  # of what is missing: nothing more is tried after a cause that gains so much
+GAINED, BESIDE = 0.002, 0.25  # of states; and of what the best gains: less is not said
 
 
 @dataclass(frozen=True)
 class CoarseProof(GeneralProof):
-    """A recursion on coarse cells, as a proof makes it, from which some of what cells lose can be taken away.
+    """The proof of a copy: with fewer boxes for each unsafe set, and fewer pieces of an interval."""
 
-    Its sets tell how much would be won without a loss; they prove nothing. `CELLS` names the losses: "rounding" of
-    images to whole cells, goal cells that lie in the "target" only in part, and "clearance" of whole cells in place of
-    their centres. So it also keeps how far the centres of cells may move. Made by `of`, which leaves the two last
-    arrays empty, and given these by `dataclasses.replace`; filled by `prepare`. Then `without_losses` gives the same
-    proof with some of its losses taken away; `add` counts the sets that it has made.
-
-    Attributes
-    ----------
-    without : frozenset of str
-        What of `CELLS` is taken away.
-    of_centres : (starts, cells, bytes) uint8
-        As `clear`, but a bit says that the tube of the cell's centre is clear.
-    ends : (starts, L, places, ndim, 2) float32
-        How far the lower and the upper ends of the cells at a place have moved at the interval's end, in the axes'
-        units.
-    most_boxes : int
-        In how many boxes each unsafe set is asked for, fewer than in a proof.
-    unites : bool
-        False: boxes are counted, whatever their number (`GeneralProof.unites`).
-    _without_sets : dict
-        By the name of an unsafe set, the proof of the problem without this set and without all of `CELLS`, which has
-        the images of this one and is prepared with it; empty unless `parted` has filled it.
-    """
-
-    without: frozenset[str] = frozenset()
-    of_centres: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0), np.uint8))
-    ends: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 0, 2), np.float32))
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
-    unites: ClassVar[bool] = False
-    _without_sets: "dict[str, CoarseProof]" = field(default_factory=dict)
-    _rounded: dict[tuple[int, int], tuple[Moves, Packing]] = field(default_factory=dict)  # by start and phase
-    _turn: list[int] = field(default_factory=lambda: [0, 0])  # how many sets have been made, and the phase
-
-    def without_losses(self, *what: str) -> "CoarseProof":
-        """This proof, which has been prepared, without the losses `what`, some of `CELLS`; nothing else is taken away.
-
-        A new proof, which shares its arrays with this one.
-        """
-        clear = self.of_centres if "clearance" in what else self.clear
-        return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0, 0])
-
-    def parted(self) -> "CoarseProof":
-        """Fill `_without_sets` in place, unless there are more than `MOST_SETS` sets; returns this proof.
-
-        To be called before `prepare`.
-        """
-        unsafe = self.problem.unsafe
-        for one in unsafe if len({part.name for part in unsafe}) == len(unsafe) <= MOST_SETS else ():
-            with suppress(ValueError):  # a problem needs something to stay clear of
-                problem = replace(self.problem, unsafe=tuple(other for other in unsafe if other is not one))
-                clear = np.full_like(self.clear, 255)
-                self._without_sets[one.name] = replace(
-                    self.without_losses(*CELLS), problem=problem, clear=clear, _without_sets={}
-                )
-        return self
-
-    @property
-    def phases(self) -> int:
-        """After how many steps in a row without a change sets will not change any more (`Proof.phases`).
-
-        The length of `PHASES` where rounding is taken away, as images then differ from step to step; else 1.
-        """
-        return len(PHASES) if "rounding" in self.without else 1
-
-    def prepare(self, progress: bool | None) -> Packing:
-        """Fill the arrays and make them read-only, unless that has been done; return the `Packing` that `add` needs.
-
-        progress : not used, no bar is shown. ValueError where no bound on a velocity is found (`Images.swept`).
-        """
-        if not self.low.flags.writeable:
-            return Packing(self)
-        mark, of_centres = partial(self._mark_collisions, self._lattices(False)), self._lattices(False, True)
-        mark_centres = [partial(self.without_losses("clearance")._mark_collisions, of_centres)]
-        for name, without in self._without_sets.items():
-            kept = [own for own, part in zip(of_centres, self._sets_tested_by_cell, strict=True) if part.name != name]
-            mark_centres.append(partial(without._mark_collisions, kept))
-        arrivals = Arrivals(self)
-
-        def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Keep what the recursion needs of the places `some` (M,) under u_j, for cells and for centres.
-
-            start : the index of the interval. tubes (M, parts, ndim, 2), last (M, ndim, 2) : how far the ends of cells
-            move in each part and up to the interval's end (`Images.swept`).
-            """
-            mark(start, j, some, tubes)
-            centred = self.centred(some, tubes)
-            for of_some in mark_centres:
-                of_some(start, j, some, centred, tubes)
-            self.ends[start, j, some] = last
-            arrivals.add(start, j, some, last)
-
-        self.fill(int(finest(self.problem, self.parts, self.low.shape)), False, use)
-        read_only((self.low, self.high, self.clear, self.of_centres, self.sites, self.arrives, self.ends))
-        return Packing(self)
-
-    def centred(self, places: FloatArray, ends: FloatArray) -> FloatArray:
-        """How far the centres of the cells at places (M,) may move, from how far their ends do: both (M, ..., ndim, 2).
-
-        Half of the cell's width is taken off at both sides. Where that would leave the lower end above the upper, both
-        are the middle between them. In the axes' units.
-        """
-        cells = self.cells_at(places)
-        half = np.stack([np.diff(axis.edges())[own] / 2 for axis, own in zip(self.axes, cells.T, strict=True)], axis=1)
-        half = half.reshape(len(places), *[1] * (ends.ndim - 3), len(self.axes))
-        low, high = ends[..., 0] + half, ends[..., 1] - half
-        crossed = np.maximum(low - (high + 2 * half), 0.0) / 2  # where ends come nearer to each other
-        return np.stack([low - crossed, high + crossed], axis=-1)
-
-    def moves(self, step: int) -> Moves:
-        """As `Images.moves`, the images of the interval from a step; without rounding, those of a phase of `PHASES`.
-
-        The phase is that of the set that `add` is at. Computed once for each phase and interval.
-        """
-        return self._of_centres(step)[0] if "rounding" in self.without else super().moves(step)
-
-    def _of_centres(self, step: int) -> tuple[Moves, Packing]:
-        """The images of the interval from a step without rounding, in the phase that `moves` says, and a packing."""
-        start, turn = min(step, len(self.low) - 1), self._turn[1]
-        if (start, turn) not in self._rounded:
-            self._rounded[start, turn] = self._moves_of_centres(start, PHASES[turn]), Packing(self)
-        return self._rounded[start, turn]
-
-    def _moves_of_centres(self, start: int, phase: float) -> Moves:
-        """The images of the centres in one interval, shifted by phase - 1/2 of a cell and rounded out: `Moves`.
-
-        Clipped to the images of the whole cells.
-
-        start : the index of the interval in `low` and `high`. phase : from 0 to 1.
-        """
-        low, high = np.empty((2, *self.low.shape[1:]), np.int16)
-        places, width = np.arange(self.low.shape[2]), np.array([float(axis.width) for axis in self.axes])
-        for j, ends in enumerate(self.ends[start]):
-            found = self.in_cells(places, self.centred(places, ends.astype(float)) + (phase - 0.5) * width[:, None])
-            low[j], high[j] = (np.clip(one, self.low[start, j], self.high[start, j]) for one in found)
-        return Moves(*read_only((low, high)), self.strides, self.open_ends)
-
-    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """As `sdhj.certified.general_proof.GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n, in place.
-
-        k is `step`, and `following` S_{k+1}^{n-1}. Without rounding `prepared` and `changed` are not used, and all
-        cells are asked about: their images are others than in the step before. Their phase is that with number `step`
-        or, where nothing depends on time, with the number of calls so far, both modulo the length of `PHASES`.
-        """
-        if self.phases > 1:  # its moves are those of a turn
-            self._turn[1] = (self._turn[0] if self.time_invariant else step) % len(PHASES)
-            prepared, changed = self._of_centres(step)[1], None
-        super().add(prepared, cells, following, step, changed)
-        self._turn[0] += 1
-
-    def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """As `Images.over_cells`, the sign of a set's level-set function in all of each cell.
-
-        For the target, if "target" is taken away, -1 also for each cell whose centre is in it.
-        """
-        found = super().over_cells(part, times)
-        if "target" not in self.without or part is not self.problem.target:
-            return found
-        middles = [np.convolve(self.axes[k].edges(), [0.5, 0.5], "valid") for k in part.axes]
-        centres = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, len(part.axes))
-        off = (self.shell + self.prediction_error)[list(part.axes)]
-        inside = self.bounds.inside(part, centres - off, centres + off, times, HALVINGS, MOST_PIECES)
-        return np.where(inside.reshape(found.shape), -1, found)
-
-
-class Trial(NamedTuple):
-    """A copy that may be solved, made from another one by taking something away or adding something.
-
-    kind : "cells", what cells lose; "problem", what is taken away from the problem; "reach", what may bring in states
-        that nothing else does; "finer" and "all finer", cells that are added; "other", what else is.
-    cause : what is taken away, in words for the user; "" if something is added.
-    helps : what is added or, if something is taken away, what helps against it; "" if that is not known.
-    proof : makes the copy's proof; it raises ValueError or MemoryError where there is none.
-    seconds : what that takes and its solve, by the model.
-    """
-
-    kind: str
-    cause: str
-    helps: str
-    proof: Callable[[], CoarseProof]
-    seconds: float
+    most_pieces: ClassVar[int] = 1
 
 
 class Gain(NamedTuple):
     """How many states are won by what was taken away, or added.
 
-    name, helps : `cause` and `helps` of the copy (`Trial`).
-    before, then : the shares of the states, from 0 to 1, in the tubes of the copy before the change and after it.
+    name : what was taken away, in words for the user; "" if something was added.
+    helps : what was added or, if something was taken away, what helps against it; "" if that is not known.
+    before, then : the shares of the states, from 0 to 1, in the tubes before the change and after it.
     """
 
     name: str
@@ -269,270 +81,218 @@ class Gain(NamedTuple):
 
 
 class Limits:
-    """The coarse copies of a table's problem, and which of the changes to it gain states.
+    """A table's problem on few nodes and on few cells, and which of the changes to it gain states.
 
-    A copy is solved once it is asked about and may matter, and kept. All of them together take about as long as the
-    table's solve, by the model of `sdhj.certified.choosing`, or `LEAST`.
+    Each is solved once it is asked about and may matter, and kept. Warnings and findings of the solves are dropped.
 
     Attributes
     ----------
     problem : ReachAvoidProblem
-        Of the copies: the table's, with no more steps than a copy takes.
-    axes : tuple of CellAxis
-        The cells of each axis.
-    plain, free : CertifiedTable
-        Of the copy that lacks nothing, and of the one without all that cells lose.
-    left : float
-        The seconds that may still be taken, by the model.
+        What is solved again: the table's, with `steps` None if the table has settled.
+    own_axes : tuple of CellAxis
+        The table's cells.
+    steps : int
+        Of the table.
     """
 
     def __init__(self, table: Any, sets: Callable[..., Any]) -> None:
-        """Solve the two copies `plain` and `free` of a table's problem.
-
-        At most `LONGEST` steps are solved of a problem that does not depend on time, and `EVER` for ever. Warnings and
-        findings of the solves are dropped.
-
-        table : the `CertifiedTable`. sets : the class `CellSets`, which solves.
-
-        Raises
-        ------
-        ValueError, MemoryError
-            As `sdhj.Certified.sets`. A table of the arm's case study may raise them too: its own proof needs less
-            than the `GeneralProof` of its copies.
-        """
-        problem, self.sets, self.parts = table.problem, sets, table.proof.parts
-        self.settled = bool(table.details.get("endless"))
-        self.endless = self.settled and problem.has_no_target
-        steps = EVER if self.endless else min(problem.steps, LONGEST) if problem.time_invariant else problem.steps
-        self.problem = replace(problem, recipe={}, steps=steps)
+        """Nothing is solved yet. table : the `CertifiedTable`. sets : the class `CellSets`, which solves by cells."""
+        problem, self.own_axes, self.parts, self.sets = table.problem, table.axes, table.proof.parts, sets
+        self.steps: int = table.steps
+        self.endless = bool(table.details.get("endless"))
+        steps = min(problem.steps, MOST_STEPS) if problem.time_invariant else problem.steps
+        self.problem: ReachAvoidProblem = replace(problem, recipe={}, steps=None if self.endless else steps)
         self._tables: dict[tuple[str, str], Any] = {}  # by the cause and what helps; None where there is none
-        with _quiet():
-            self.axes, self.left = self._coarse_cells(table)
-            self._base = self._proof(self.problem, self.axes, parted=True)
-            self.plain, self.free = self._solved(self._base), self._solved(self._base.without_losses(*CELLS))
-        first, rest = self._seconds(self.axes)
-        self.left = max(self.left - first - 2 * rest, self.left / 2)  # what these two took may be more
-
-    @property
-    def cells(self) -> str:
-        """The numbers of cells that the copies have along each axis, as a text such as "20 x 30"."""
-        return " x ".join(str(axis.count) for axis in self.axes)
 
     @property
     def tried(self) -> list[tuple[str, str]]:
-        """(cause, helps) of all copies that have been solved besides the first two."""
-        return [key for key, table in self._tables.items() if table is not None]
+        """(cause, helps) of all changes that have been solved."""
+        return [key for key, table in self._tables.items() if table is not None and key[1] not in ("", "nothing")]
+
+    @property
+    def doubled(self) -> bool:
+        """Whether twice the cells along each axis have been tried."""
+        return all(("", f"{MORE_CELLS} {name}") in self.tried for name in self.problem.grid.names)
+
+    @cached_property
+    def grid(self) -> Any:
+        """The table of the problem on few nodes, by `HJI`; None where that refuses it, as it does some black boxes."""
+        return self._table("", "", self._on_nodes)
+
+    @cached_property
+    def plain(self) -> Any:
+        """The table of the copy to which nothing is added; None if it is refused."""
+        return self._table("", "nothing", lambda: self._by_cells(self.problem, self.axes))
 
     def gains(self, states: FloatArray, step: int, within: int) -> tuple[list[Gain], list[Gain]]:
         """What limits the table at some states, and what would gain some if added: (causes, added), lists of `Gain`.
 
         In both the one that gains most is first; those that gain little (`_largest`) are left out, so a list may be
-        empty. What may gain most is tried first. What cells lose is not, nor more cells along one axis, where `free`
-        shows that it is little, and no more is taken away from the problem once one thing gains `ENOUGH` of what `free`
-        lacks.
+        empty. Without a `grid` only what is added is told, and without a copy nothing of that.
 
-        states (M, ndim) : M > 0. step : of the problem. within : the steps to go.
+        states (M, ndim) : M > 0, which the table lacks. step : of the problem. within : the steps to go.
         """
-        share = partial(self._share, states, step, within)
-        kept, free = share(self.plain), share(self.free)
-        lost, beyond = free - kept, 1.0 - free  # the most that cells can gain, and that all else can
-        found: dict[str, list[Gain]] = {kind: [] for kind in KINDS}
+        won = 0.0 if self.grid is None else self._share(states, step, within, self.grid)
+        causes, added = list[Gain](), list[Gain]()
+        if self.grid is None or won >= max(GAINED, BESIDE * (1.0 - won)):
+            added += self.of_cells
+        if self.grid is not None:
+            causes = [Gain("creep" if self.problem.has_no_target else "rounding", "", 0.0, won)]
+        if self.grid is not None and 1.0 - won >= max(GAINED, BESIDE * won):
+            asked = states, step, within, self.grid
+            found = self._tried(self._of_problem(), *asked) or self._tried(self._of_reach(), *asked)
+            causes += [one for one in found if one.name]
+            added += [one for one in found if not one.name]
+        return _largest(causes), added
 
-        def matters(kind: str) -> bool:
-            """Whether a trial of this kind may still be told of."""
-            most = max((own.more for own in found["problem"]), default=0.0)
-            if kind == "problem":
-                return beyond >= max(GAINED, BESIDE * lost) and most < ENOUGH * beyond
-            if kind == "reach":
-                return all(own.more < max(GAINED, FAR_BEHIND * beyond) for some in found.values() for own in some)
-            if kind == "all finer":  # also where little is lost: on few cells even `free` may lack what more cells have
-                return not _largest(found["finer"], FAR_BEHIND * lost)
-            return kind == "other" or lost >= max(GAINED, FAR_BEHIND * most)
+    @cached_property
+    def of_cells(self) -> list[Gain]:
+        """What more cells along an axis gain on copies, and a longer interval, of `DRAWN` states that the grid has.
 
-        for trial in self._trials(lost >= beyond):
-            if matters(trial.kind) and (table := self._table(trial)) is not None:
-                more = 0 if trial.helps != MORE_STEPS else self.problem.steps
-                then = self._share(states, step, within + more, table) if more else share(table)
-                before = free if trial.kind in ("problem", "reach") else kept
-                found[trial.kind].append(Gain(trial.cause, trial.helps, before, then))
-        together, others = Gain("wide cells", "", kept, free), found["problem"] + found["reach"]
-        most = max((own.more for own in others), default=0.0)
-        causes = _largest(found["cells"], FAR_BEHIND * most) or _largest([together], FAR_BEHIND * most)
-        causes += _largest(others, BESIDE * max(own.more for own in (*found["cells"], together)))
-        every = max([own.more for own in causes], default=0.0)
-        added = _largest(found["finer"] + found["all finer"] + found["other"], FAR_BEHIND * every)
-        return sorted(causes, key=lambda own: -own.more), added
+        Shares are those at step 0 with all steps to go. As `gains` tells them, the largest first.
+        """
+        space = self.problem.grid
+        drawn = np.random.default_rng(0).uniform(space.lower, space.upper, (DRAWN, space.ndim))
+        asked = 0, self.steps
+        if self.grid is not None and (has := self._has(drawn, *asked, self.grid)).any():
+            drawn = drawn[has]
+        return [] if self.plain is None else self._tried(self._of_cells(), drawn, *asked, self.plain)
 
-    def reached(self, states: FloatArray, step: int, within: int) -> float:
-        """The share of states (M, ndim) that the copy without all that cells lose has, from 0 to 1."""
-        return self._share(states, step, within, self.free)
+    def decided(self, states: FloatArray, step: int, within: int) -> bool:
+        """Whether the grid tells of most states that it lacks that finer cells would not have them either.
+
+        Not if it has something within a node of them, or nothing anywhere, or there is no `grid`. Arguments as for
+        `gains`.
+        """
+        if self.grid is None or not self.grid.fraction():
+            return False
+        space, states = self.grid.problem.grid, states[:MOST_NEAR]
+        lacked = states[~self._has(states, step, within, self.grid)]
+        near = np.zeros(len(lacked), np.bool_)
+        for signs in itertools.product((-1, 0, 1), repeat=space.ndim) if len(lacked) else ():
+            moved = np.clip(space.wrapped(lacked + np.array(signs) * space.spacing), space.lower, space.upper)
+            near |= self._has(moved, step, within, self.grid)
+        return not len(lacked) or float(near.mean()) < ENOUGH
+
+    def _tried(self, trials: Iterator[tuple[str, str, Callable[[], Any]]], *asked: Any) -> list[Gain]:
+        """What trials gain beyond a table, the largest first (`_largest`).
+
+        asked : states, step and within as for `gains`, and the table. No more is tried once a cause gains `ENOUGH` of
+        what that lacks.
+        """
+        states, step, within, _ = asked
+        before, out = self._share(*asked), list[Gain]()
+        for name, helps, made in trials:
+            if any(one.name and one.more >= ENOUGH * (1.0 - before) for one in out):
+                break
+            if (table := self._table(name, helps, made)) is not None:
+                more = self.problem.steps if helps == MORE_STEPS else 0
+                out.append(Gain(name, helps, before, self._share(states, step, within + more, table)))
+        return _largest(out)
 
     def _share(self, states: FloatArray, step: int, within: int, table: Any) -> float:
-        """The share of states (M, ndim) that the tube (step, within) of a copy's table contains, from 0 to 1.
+        """The share of states (M, ndim) that the tube (step, within) of a table contains, from 0 to 1 (`_has`)."""
+        return float(self._has(states, step, within, table).mean())
 
-        step, within : of the problem; a copy may have other intervals; as many whole ones count as there are.
+    def _has(self, states: FloatArray, step: int, within: int, table: Any) -> FloatArray:
+        """Whether the tube (step, within) of a table contains states (M, ndim): (M,) bool.
+
+        step, within : of the problem; the table may have other intervals; as many whole ones count as there are.
         """
         longer = table.problem.delta / self.problem.delta
         step = 0 if table.problem.time_invariant else min(int(step / longer), table.steps)
-        within = table.steps if self.endless else min(int(within / longer), table.steps - step)
-        return float(1 - table.outside(states, step, within).mean())
+        ever = self.endless and within >= self.steps
+        within = table.steps if ever else min(int(within / longer), table.steps - step)
+        return np.asarray(table.contains(states, start=step, within=within))
 
-    # ---- the copies
+    def _table(self, name: str, helps: str, made: Callable[[], Any]) -> Any:
+        """The table that `made` solves, at first use; None where its problem or its proof is refused."""
+        if (name, helps) not in self._tables:
+            self._tables[name, helps] = None
+            with _quiet(), suppress(ValueError, MemoryError):
+                self._tables[name, helps] = made()
+        return self._tables[name, helps]
 
-    def _coarse_cells(self, table: Any) -> tuple[tuple[CellAxis, ...], float]:
-        """The cells of each axis of the copies, and the seconds that all may take.
+    # ---- on a grid
 
-        The table's cells, or fewer, so that about as many copies as are solved take no longer; those that take least
-        where none are few enough, as what unsafe sets and calls cost does not shrink with the cells. At most `COARSEST`
-        times as wide as the table's, and at least `FEWEST` along an axis.
-        """
-        few, speeds, many = table.axes, speeds_of(self.problem), PLANNED * (len(table.axes) + 2)
-        settles = replace(self.problem, steps=min(self.problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
-        self._model = partial(cost, settles, parts=self.parts, speeds=speeds, boxes=CoarseProof.most_boxes)
-        own = table.proof.seconds if not isinstance(table.proof, GeneralProof) else sum(self._seconds(few, False))
-        most, tried, factor = max(SHARE * own, LEAST), list[tuple[float, Any]](), 1.0
-        while factor <= COARSEST:
-            tried.append((many * sum(self._seconds(few)), few))
-            if tried[-1][0] <= most:
-                return few, most
-            factor *= COARSER
-            wished = [max(round(axis.count / factor), FEWEST) for axis in table.axes]
-            few = aligned(self.problem, wished)
-        return min(tried, key=lambda one: one[0])[1], most
-
-    def _seconds(self, axes: tuple[CellAxis, ...], copied: bool = True) -> tuple[float, float]:
-        """The seconds that the proof and the recursion of cells `axes` take by the model, with those of each call.
-
-        copied : of a copy; False: of the table itself.
-        """
-        problem, entries = self.problem, self.problem.steps or ENDLESS_STEPS
-        first, rest = self._model(axes) if copied else self._model(axes, boxes=BOXES_OF_A_SET)
-        times = 1 if problem.time_invariant else problem.steps
-        calls = len(problem.inputs) * times * (1 + len(problem.unsafe))
-        entries = min(entries, MOST_ENTRIES) if problem.time_invariant else entries * (entries + 1) // 2
-        entries *= len(problem.inputs) if problem.dynamics.constant else 1
-        return first + CALL * calls, rest + START + ENTRY * entries
-
-    def _trials(self, cells_first: bool) -> Iterator[Trial]:
-        """Yield what may be tried, in the order of worth: what cells lose and more cells first, or the problem."""
-        if cells_first:
-            yield from self._of_cells()
-        yield from self._of_problem()
-        if not cells_first:
-            yield from self._of_cells()
-        yield from self._of_intervals()
-        yield from self._of_reach()
-        problem, axes = self.problem, self.axes
-        if 1 < len(axes) <= MOST_AXES:
-            every = tuple(self._finer(k) for k in range(len(axes)))
-            yield Trial("all finer", "", EVERY, partial(self._proof, problem, every), sum(self._seconds(every)))
-
-    def _of_cells(self) -> Iterator[Trial]:
-        """Yield copies without one of the losses of cells, and with twice the cells along one axis."""
-        rest = self._seconds(self.axes)[1]
-        names = {"rounding": "creep" if self.problem.has_no_target else "rounding"}
-        names |= {} if self.problem.has_no_target else {"target": "whole cells of the target"}
-        for one, name in (names | {"clearance": "clearance of whole cells"}).items():
-            yield Trial("cells", name, "", lambda one=one: self._base.without_losses(one), rest)  # type: ignore[misc]
-        for k, name in enumerate(self.problem.grid.names):
-            axes = (*self.axes[:k], self._finer(k), *self.axes[k + 1 :])
-            proof = partial(self._proof, self.problem, axes)
-            yield Trial("finer", "", f"more cells along {name}", proof, sum(self._seconds(axes)))
-
-    def _of_problem(self) -> Iterator[Trial]:
-        """Yield copies of which something is taken away from the problem, and nothing is lost to cells.
+    def _of_problem(self) -> Iterator[tuple[str, str, Callable[[], Any]]]:
+        """Yield (cause, helps, solve) of what is taken away from the problem, and of a controller that remembers.
 
         The push, the errors of a `Sensing`, and each unsafe set where there are at most `MOST_SETS`; what the problem
         does not have is left out.
         """
-        problem, (first, rest), freed = self.problem, self._seconds(self.axes), self._freed
+        problem, unsafe = self.problem, self.problem.unsafe
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):
-            helps, calm = "a smaller disturbance or stronger inputs", freed(dynamics=problem.dynamics.undisturbed)
-            yield Trial("problem", "push", helps, calm, first + rest)
+            yield "push", LESS_PUSH, lambda: self._on_nodes(dynamics=problem.dynamics.undisturbed())
         if problem.sensing:
-            yield Trial("problem", "noise", "a smaller error, delay or jitter", freed(sensing=Sensing), first + rest)
-        names = [one.name for one in problem.unsafe] if len(problem.unsafe) <= MOST_SETS else []
-        for name in names:
-            cause, helps = f"clearance of {name!r}", f"more room beside {name!r}"
-            yield Trial("problem", cause, helps, lambda name=name: self._without(name), rest)  # type: ignore[misc]
+            if not problem.sensing.remembers:
+                memory = replace(problem.sensing, memory=True)
+                yield "", "Sensing(..., memory=True) and Controller.step", lambda: self._on_nodes(sensing=memory)
+            yield "noise", "a smaller error, delay or jitter", lambda: self._on_nodes(sensing=Sensing())
+        for one in unsafe if len(unsafe) <= MOST_SETS else ():
+            rest = tuple(other for other in unsafe if other is not one)
+            yield f"clearance of {one.name!r}", f"{MORE_ROOM} {one.name!r}", partial(self._on_nodes, unsafe=rest)
 
-    def _of_reach(self) -> Iterator[Trial]:
-        """Yield copies of twice the steps, and of twice as strong inputs, of which nothing is lost to cells."""
-        problem, (first, rest) = self.problem, self._seconds(self.axes)
-        if problem.time_invariant and not problem.has_no_target and not self.settled and problem.steps < LONGEST:
-            longer = partial(replace, problem, steps=2 * problem.steps)
-            proof = lambda: replace(self._base.without_losses(*CELLS), problem=longer())  # noqa: E731
-            yield Trial("reach", "few steps", MORE_STEPS, proof, 2 * rest)
+    def _of_reach(self) -> Iterator[tuple[str, str, Callable[[], Any]]]:
+        """Yield (cause, helps, solve) of twice the steps, of twice as strong inputs, and of half the interval."""
+        problem = self.problem
+        if problem.time_invariant and not problem.has_no_target and not self.endless:
+            yield "few steps", MORE_STEPS, lambda: self._on_nodes(steps=self._steps(2.0))
         if isinstance(problem.dynamics.drift, Formula) and problem.dynamics.gain is not None:
-            strong = self._freed(dynamics=problem.dynamics.stronger)
-            yield Trial("reach", "weak inputs", "stronger inputs", strong, first + rest)
+            yield "weak inputs", "stronger inputs", lambda: self._on_nodes(dynamics=problem.dynamics.stronger())
+        yield "", "a shorter interval", lambda: self._on_nodes(delta=problem.delta / 2, steps=self._steps(2.0))
 
-    def _freed(self, **change: Callable[[], Any]) -> Callable[[], CoarseProof]:
-        """What makes the proof of the problem without the losses of cells, with fields made by what is given."""
+    def _steps(self, factor: float) -> int | None:
+        """So many times the problem's number of steps, at least one; None if it has no number."""
+        return None if self.problem.steps is None else max(int(factor * self.problem.steps), 1)
 
-        def made() -> CoarseProof:
-            """The prepared proof of the problem with these fields."""
-            fields = {name: field() for name, field in change.items()}
-            return self._proof(replace(self.problem, **fields), self.axes).without_losses(*CELLS)
+    def _on_nodes(self, **change: Any) -> Any:
+        """The table of the problem with fields changed, by `HJI` on few nodes, as many along an axis as cells suggest.
 
-        return made
-
-    def _of_intervals(self) -> Iterator[Trial]:
-        """Yield copies with a controller that remembers, and with an interval of twice the length and of half."""
-        problem, (first, rest) = self.problem, self._seconds(self.axes)
-        if problem.sensing and not problem.sensing.remembers:
-            memory = replace(problem.sensing, memory=True)
-            yield self._other("Sensing(..., memory=True) and Controller.step", first + rest, sensing=memory)
-        steps = cast(int, problem.steps)
-        yield self._other("a longer interval", first + rest, delta=2 * problem.delta, steps=max(steps // 2, 1))
-        entries = 2 if problem.time_invariant else 4
-        yield self._other("a shorter interval", first + entries * rest, delta=problem.delta / 2, steps=2 * steps)
-
-    def _other(self, helps: str, seconds: float, **change: Any) -> Trial:
-        """The trial of the problem with fields changed, which cells lose as much of as before."""
-        return Trial("other", "", helps, lambda: self._proof(replace(self.problem, **change), self.axes), seconds)
-
-    def _without(self, name: str) -> CoarseProof:
-        """The proof of the problem without an unsafe set, by its name; ValueError where there is none."""
-        if name not in self._base._without_sets:
-            raise ValueError(f"nothing is left to stay clear of without {name!r}")
-        return self._base._without_sets[name]
-
-    def _finer(self, k: int) -> CellAxis:
-        """The cells of axis k, half as wide."""
-        return axis_of(self.problem.grid, k, self.axes[k].width / 2, self.axes[k].layers)
-
-    def _table(self, trial: Trial) -> Any:
-        """The table of a trial's copy, solved at first use; None where its problem or its proof is refused.
-
-        None as well where no time is `left` for it.
+        ValueError and MemoryError as `HJI` raises them.
         """
-        key = trial.cause, trial.helps
-        if key not in self._tables and trial.seconds <= self.left:
-            self.left, self._tables[key] = self.left - trial.seconds, None
-            with _quiet(), suppress(ValueError, MemoryError):
-                self._tables[key] = self._solved(trial.proof())
-        return self._tables.get(key)
+        problem = self.problem
+        cells = np.array([axis.count for axis in self.own_axes])
+        steps = problem.steps or ENDLESS_STEPS
+        tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
+        few = max(min(FEW_NODES, WORK / (len(problem.inputs) * tubes)), cells.prod() / SHARE_OF_NODES)
+        nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), FINER)), FEWEST_NODES) + 1
+        made = replace(problem, grid=replace(problem.grid, shape=tuple(nodes.astype(int).tolist())), **change)
+        sets = HJI().sets(made, False)
+        recursion(sets, made.most_steps, lambda: None)
+        return sets.finish({})
 
-    def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parted: bool = False) -> CoarseProof:
-        """The `CoarseProof` of a problem, prepared, with cells as wide as those of `axes`.
+    # ---- by cells
 
-        Layers are those that the problem has, whatever those of `axes`. ValueError and MemoryError as for `Limits`.
+    @cached_property
+    def axes(self) -> tuple[CellAxis, ...]:
+        """The cells of each axis of the copies: the table's, or fewer and at least `FEWEST` along an axis."""
+        cells = np.array([axis.count for axis in self.own_axes])
+        factor = (max(FEW_CELLS, cells.prod() / SHARE_OF_CELLS) / cells.prod()) ** (1 / len(cells))
+        if factor >= 1.0:
+            return tuple(self.own_axes)
+        return aligned(self.problem, [max(round(factor * one), FEWEST) for one in cells.tolist()])
 
-        parted : whether `CoarseProof._without_sets` is filled.
+    def _of_cells(self) -> Iterator[tuple[str, str, Callable[[], Any]]]:
+        """Yield ("", helps, solve) of twice the cells along each axis, and of an interval of twice the length."""
+        problem, axes = self.problem, self.axes
+        for k, name in enumerate(problem.grid.names):
+            finer = axis_of(problem.grid, k, axes[k].width / 2, axes[k].layers)
+            yield "", f"{MORE_CELLS} {name}", partial(self._by_cells, problem, (*axes[:k], finer, *axes[k + 1 :]))
+        longer = partial(replace, problem, delta=2 * problem.delta, steps=self._steps(0.5))
+        yield "", "a longer interval", lambda: self._by_cells(longer(), axes)
+
+    def _by_cells(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> Any:
+        """The table of a problem by cells as wide as those of `axes`, with the layers that the problem has.
+
+        ValueError where intervals cannot evaluate a function, as for the arm's case study, whose own proof needs less
+        than a `GeneralProof`; MemoryError where there is too little memory.
         """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
         proof: Any = CoarseProof.of(problem, own, self.parts)
-        ends = np.zeros((*proof.low.shape, 2), np.float32)
-        copy: CoarseProof = replace(proof, of_centres=proof.clear.copy(), ends=ends)
-        (copy.parted() if parted else copy).prepare(False)
-        return copy
-
-    def _solved(self, proof: CoarseProof) -> Any:
-        """Solve a copy by its proof, which is prepared, and return its table."""
         sets = self.sets(proof, False)
-        recursion(sets, proof.problem.most_steps, lambda: None)
+        recursion(sets, problem.most_steps, lambda: None)
         return sets.finish({})
 
 
@@ -544,10 +304,10 @@ def _quiet() -> Iterator[None]:
         yield
 
 
-def _largest(gains: Sequence[Gain], least: float = 0.0) -> list[Gain]:
-    """The gains of at least `least`, of `GAINED`, and of the share `BESIDE` of the largest, the largest first.
+def _largest(gains: Sequence[Gain]) -> list[Gain]:
+    """The gains of at least `GAINED`, and of the share `BESIDE` of the largest, the largest first.
 
     gains : in any order, possibly none.
     """
-    least = max([least, GAINED, *(BESIDE * own.more for own in gains)])
+    least = max([GAINED, *(BESIDE * own.more for own in gains)])
     return sorted((own for own in gains if own.more >= least), key=lambda own: -own.more)

@@ -506,11 +506,9 @@ class CertifiedTable(Table):
 
     @cached_property
     def limits(self) -> Limits:
-        """What keeps the table small, by coarse copies of the problem (`sdhj.certified.limits`); for `explain`.
+        """What keeps the table small, by coarse solves of the problem (`sdhj.certified.limits`); for `explain`.
 
-        The copies are solved once, at first use, which takes a part of the time of the table's solve. ValueError if
-        intervals cannot evaluate a function of the problem, as for the arm's case study; MemoryError where there is too
-        little memory.
+        Each is solved once, when it is first asked about.
         """
         return Limits(self, CellSets)
 
@@ -675,12 +673,8 @@ class CellSets:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
     def unchanged(self, step: int, within: int) -> bool:
-        """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1).
-
-        If the proof has several `phases`, whether the set has not changed for so many steps.
-        """
-        last = range(within - self.proof.phases + 1, within + 1)
-        return last[0] > 0 and not any(self._added(step, n)[0].size for n in last)
+        """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1)."""
+        return not self._added(step, within)[0].size
 
     def repeat(self, step: int, within: int) -> None:
         """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""

@@ -215,8 +215,8 @@ class Table:
             or by how much it may end outside the tube with one step less to go. Of a certified table: how deep the
             tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
             not proved at these cells may be true all the same, and may be proved at others: causes and what helps were
-            tried on coarse copies of the problem (`sdhj.certified.limits`), which are solved when a table is asked
-            first: for up to half the time of a long solve, and several times that of a short one.
+            tried on few nodes and few cells (`sdhj.certified.limits`), which are solved when a table is asked first:
+            in some tenths of a second to two for a small table, and up to about twice the solve's time for a large one.
 
         Raises
         ------

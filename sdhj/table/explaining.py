@@ -53,11 +53,10 @@ class Explanation:
     helps : tuple of str
         What may let an input do so.
     causes : tuple of str
-        Only of a certified table, for a state that is not in the tube: what keeps it out, that is of what a coarse copy
-        of the problem has to be freed to have the state in its tube (`sdhj.certified.limits`): "rounding", without a
-        target "creep", "whole cells of the target", "clearance of ..." an unsafe set or of whole cells, "push",
-        "noise", or "wide cells" where several of these that come from whole cells do so together; "few steps" or "weak
-        inputs" where none of these is it.
+        Only of a certified table, for a state that is not in the tube: what keeps it out, by coarse solves
+        (`sdhj.certified.limits`). Where a grid has the state, "rounding" to whole cells, without a target "creep";
+        where it has not, that of which the problem has to be freed to have it there: "push", "noise", "clearance of
+        ..." an unsafe set; "few steps" or "weak inputs" where none of these is it.
     """
 
     inside: bool
