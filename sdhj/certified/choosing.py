@@ -35,10 +35,11 @@ no clock, so a problem has the same cells on every machine. `python figures/stud
 seconds again, beside what `costs` says of each part of a solve.
 """
 
-import itertools
+import bisect
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -79,6 +80,7 @@ DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
 TUBES, LEFT = 10.0, 2.0  # likewise where the target's axes are a problem of their own: by eleven solves of two robots
 LEADING = 40  # numbers of cells of these that are looked at
 IMAGES = 50_000  # for each second, of their cells and inputs: a microsecond each
+HELD_UP = 2.0  # times as much as the best cells lose those of an axis that are too wide for what inputs move
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
@@ -145,12 +147,70 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
-    tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
-    places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
+    best = partial(_best, problem, parts, seconds, speeds, cells)
+    tried = [({}, *some, by) for some in ((without, unrounded), (rates, lost)) for by in (1.0, *SHORTER)]
+    places, (_, *some) = best(tried, kept)  # more must not prove less
+    others = _words_filled(problem, cells, places) + _not_held_up(cells, lost)
+    places, _ = best([({}, *some), *((given, *some) for given in others)], kept)
     together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
     if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(_fitted(problem, axis, wishes[place]) for axis, place in enumerate(places))
+
+
+def _best(
+    problem: ReachAvoidProblem,
+    parts: int,
+    seconds: float,
+    speeds: Speeds,
+    cells: Sequence[Sequence[CellAxis]],
+    tried: Sequence[tuple[Mapping[int, int], FloatArray, FloatArray, float]],
+    kept: Callable[[list[int]], float],
+) -> tuple[list[int], tuple[Mapping[int, int], FloatArray, FloatArray, float]]:
+    """Of the choices of cells that `_spread` returns that of which most is kept, and for what of `tried` it did.
+
+    Those that are not paid for count only where none is.
+
+    parts, seconds, speeds, cells : as for `_spread`. tried : (given, rates, lost, by): what it is asked for, by being
+    the share of the seconds. kept : what a choice of cells keeps.
+    """
+    found = [_spread(problem, parts, seconds * by, speeds, cells, rates, lost, own) for own, rates, lost, by in tried]
+    paid = [_is_paid(problem, _picked(cells, places), parts, seconds, speeds) for places in found]
+    best = max(range(len(found)), key=lambda n: (paid[n], kept(found[n])))
+    return found[best], tried[best]
+
+
+def _words_filled(
+    problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], places: Sequence[int]
+) -> list[dict[int, int]]:
+    """Choices for the axis along which sets are packed that fill words of 64 cells: {axis: index}, a few.
+
+    A word less than those that a choice of cells takes there, as many, and one more. [] where each cell of that axis is
+    led by itself.
+
+    cells : for each axis its choices of cells, from few to many. places : the choice, an index for each axis.
+    """
+    axes = _picked(cells, places)
+    depends = place_axes(problem, axes)
+    packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
+    if depends[packed] or problem.grid.has("frees"):
+        return []
+    counts, words = [axis.count for axis in cells[packed]], in_whole_words(axes[packed].count) // 64
+    some = [bisect.bisect(counts, 64 * (words + more)) - 1 for more in (-1, 0, 1)]
+    return [{packed: place} for place in some if place >= 0]
+
+
+def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[dict[int, int]]:
+    """For each axis the fewest cells of which each is worth its room: {axis: index}, where that are not the fewest.
+
+    Losses that are linear are divided by two by twice as many cells. But an input that moves by less than a cell leads
+    nowhere: where what cells lose times their number is more than `HELD_UP` times the least, more cells gain more.
+
+    cells : for each axis its choices of cells, from few to many. lost (ndim, choices) : what each choice loses.
+    """
+    each = lost * [[axis.count for axis in own] for own in cells]
+    first = [int(np.argmax(own <= HELD_UP * own.min())) for own in each]
+    return [{axis: place} for axis, place in enumerate(first) if place]
 
 
 def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
@@ -319,18 +379,15 @@ def _spread(
     shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
     counts = np.array([[axis.count for axis in own] for own in cells])
     lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
-    swapped = [] if given else _swapped(problem, _picked(cells, [counts.shape[1] // 2] * len(cells)), shares)
     for axis, place in given.items():
         crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
         """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd.
 
-        crowd is the logarithm of the number of cells, infinite for choices that are ruled out. Along the axis
-        `swapped` words are filled (`_filled`).
+        crowd is the logarithm of the number of cells, infinite for choices that are ruled out.
         """
-        places = np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
-        return np.array([_filled(counts[k], n) if k in swapped else n for k, n in enumerate(places)])
+        return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
         """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
@@ -350,20 +407,6 @@ def _spread(
     return list(chosen(least).tolist())
 
 
-def _swapped(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], shares: FloatArray) -> list[int]:
-    """[k] if sets are packed along axis k in place of the last one (`sdhj.certified.packing.packed_axis`), else [].
-
-    Of the axes that may be it is the one that has most cells, which is where most is lost.
-
-    axes : some cells of each axis. shares (ndim,) : what a single cell as wide as each axis would lose.
-    """
-    depends, oblique = place_axes(problem, axes), bool(len(normals_of(problem, axes, place_axes(problem, axes))))
-    packed = packed_axis(problem.grid, axes, depends, oblique)
-    if packed == len(axes) - 1:
-        return []
-    return [max(np.flatnonzero(~depends).tolist(), key=lambda k: shares[k])]
-
-
 def _is_paid(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, seconds: float, speeds: Speeds
 ) -> bool:
@@ -373,15 +416,6 @@ def _is_paid(
     """
     large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
     return large < MOST_BYTES and sum(cost(problem, axes, parts, speeds)) < CORES * seconds
-
-
-def _filled(counts: FloatArray, place: int) -> int:
-    """The index of the largest of ascending `counts` that fits into as many words of 64 cells as counts[place] does.
-
-    `place` itself if these words hold more than twice as many cells.
-    """
-    whole = in_whole_words(counts[place])
-    return int(np.searchsorted(counts, whole, side="right")) - 1 if whole <= 2 * counts[place] else place
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
