@@ -50,15 +50,16 @@ from sdhj.certified.arrivals import sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import finest, peak_bytes, shapes
-from sdhj.certified.images import BOXES_OF_A_SET, place_axes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, place_axes
 from sdhj.certified.oblique import normals_of
 from sdhj.certified.packing import packed_axis
 from sdhj.certified.word_tubes import goes_along, in_words, pieces_of, size_in_words
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
+from sdhj.kernels.stencils import SEGMENT
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.sets import UnsafeSet
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
 FLOW_PARTS = 64  # parts of an interval in which velocities carry a boundary on
 SPEED_STATES = 256  # states around which velocities are bounded
@@ -86,9 +87,14 @@ MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
-# for a cell, an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at
-# unsafe ends; for an operation of a set and a box
-AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 5e-9, 4e-7, 1e-8, 1e-9
+# for a cell and an input at unsafe ends
+AXIS, OPERATION, PIECE, AT_ENDS = 1.6e-7, 2e-8, 1.3e-4, 1e-8
+# for a box of a set, an operation of the set and a box, and that of a box of words
+SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1e-9
+# for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
+# where no cache holds the sums, of about `IN_CACHE` boxes, and a cell is `BESIDE` boxes wide, so none is near the next
+CELL, LINE_OF_CELLS, CORNER, FAR_CORNER = 1.3e-8, 4e-8, 1.3e-9, 6e-9
+IN_CACHE, BESIDE = 4_000_000, 16
 GONE = 1.5e-7  # for a cell and an input where ends are safe, as a tube may have left before it meets a set
 # for a cell, an input and an axis of the target, to see whether an image is near it; for an image that is
 NEAR, ARRIVAL = 8e-9, 1.2e-7
@@ -554,18 +560,43 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
     left : count the unsafe sets alone, without ends, for each unit of length that lines are outside.
     """
-    grid, steps = problem.grid, problem.most_steps
-    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
-    out = np.isfinite(ends).sum(axis=0) * (not left) / extent
+    grid, out = problem.grid, np.zeros(problem.grid.ndim)
+    if not left:
+        out = np.isfinite(np.stack(grid.faces("fails"))).sum(axis=0) / np.subtract(grid.upper, grid.lower)
     for part in problem.unsafe if left else problem.all_sets:
-        own = grid.subgrid(part.axes)
+        border = _border(problem, part)
+        out[list(part.axes)] += border.crossings / max(1.0 - border.inside if left else border.inside, border.least)
+    return out
+
+
+class _Border(NamedTuple):
+    """How much of its axes a set takes, and how often lines cross its boundary.
+
+    inside : the share of the states that are in the set. crossings (d,) : for each unit of length, along each of the
+    set's axes. least : the share of a single node at which the set was looked at.
+    """
+
+    inside: float
+    crossings: FloatArray
+    least: float
+
+
+def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
+    """The `_Border` of a set of a problem, counted between nodes of its grid, or of a coarser one of `SET_NODES`.
+
+    A mean over the first, the middle and the last time for a set that moves. Remembered by the problem.
+    """
+
+    def counted() -> _Border:
+        """The same, counted anew."""
+        own, steps = problem.grid.subgrid(part.axes), problem.most_steps
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
-        for i, axis in enumerate(part.axes):
-            crossed = np.diff(inside, axis=1 + i).mean() * (own.shape[i] - 1)
-            out[axis] += crossed / extent[axis] / max(1.0 - inside.mean() if left else inside.mean(), 1 / own.size)
-    return out
+        crossed = [np.diff(inside, axis=1 + i).mean() * (n - 1) for i, n in enumerate(own.shape)]
+        return _Border(inside.mean(), crossed / np.subtract(own.upper, own.lower), 1 / own.size)
+
+    return problem.remembered(("border", id(part)), counted)
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
@@ -658,13 +689,48 @@ def _cost_of_sets(
         if in_words(problem, depends, axes, unsafe_set, parts):
             out += _cost_in_words(problem, axes, unsafe_set, often, speeds)
             continue
-        free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
-        each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
-        out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
-        out += BOXED * boxes * _operations(unsafe_set.level_set)
+        tubes = asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
+        out += _cost_by_cells(problem, axes, depends, unsafe_set, parts, speeds, tubes, boxes)
     out += GONE * cells * count * starts if problem.grid.has("frees") else 0.0
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)
+
+
+def _cost_by_cells(
+    problem: ReachAvoidProblem,
+    axes: tuple[CellAxis, ...],
+    depends: FloatArray,
+    unsafe_set: UnsafeSet,
+    parts: int,
+    speeds: Speeds,
+    tubes: float,
+    boxes: int,
+) -> float:
+    """Seconds to mark the cells of which tubes may meet an unsafe set, by the corners of tubes in sums of boxes.
+
+    Lines of cells are looked at in segments, those that meet something cell by cell, for the whole interval and for its
+    first part; and in all other parts the cells beside the boundary, from where a tube may get to it.
+
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. parts : of an interval. speeds : of the
+    problem. tubes : how many are asked about: of a cell, an input and a start. boxes : as for `costs`.
+    """
+    own, border = list(unsafe_set.axes), _border(problem, unsafe_set)
+    spans = parts * problem.most_steps if unsafe_set.moving else 1  # of which each has boxes of its own
+    counts, widths = np.array([axes[k].count for k in own]), np.array([float(axes[k].width) for k in own])
+    summed = float(counts.prod() * spans)
+    summed = max(min(boxes, summed * PIECES_OF_A_CELL ** len(own)), summed)
+    free = np.flatnonzero(~depends[own])
+    length = int(counts[free[-1]]) if free.size else 1
+    segment = min(SEGMENT, length)
+    moved = problem.delta / 2 * np.abs(speeds.extremes[:, own]).max(axis=0)  # half of the farthest
+    beside = min(float(border.crossings @ (moved + widths)), 1.0)
+    close = float((border.crossings * widths)[free[-1]]) * (segment - 1) if free.size else 0.0
+    met = [min(border.inside + beside + more, 1.0) for more in (close, 0.0)]
+    corners = 2 ** len(own) * (1 / segment + sum(met) + (parts - 1) * beside)
+    along = 1 + (parts - 1) * min(beside * length / segment, 1.0)  # how often a line is looked at
+    far = min(summed / spans / IN_CACHE, 1.0) * min((summed / spans / counts.prod()) ** (1 / len(own)) / BESIDE, 1.0)
+    out = CELL + LINE_OF_CELLS * along / length + corners * (CORNER + FAR_CORNER * far)
+    return float(out * tubes) + summed * (SUMMED + BOXED * _operations(unsafe_set.level_set))
 
 
 def _cost_in_words(
@@ -685,7 +751,9 @@ def _cost_in_words(
     boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
     bits = BIT * cells * count * (times if unsafe_set.moving else starts)
     return (
-        BOXED * boxes * _operations(unsafe_set.level_set) + WORD * size_in_words(axes) * count * parts * starts + bits
+        BOXED_IN_WORDS * boxes * _operations(unsafe_set.level_set)
+        + WORD * size_in_words(axes) * count * parts * starts
+        + bits
     )
 
 
