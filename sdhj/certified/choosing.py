@@ -88,12 +88,12 @@ MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
-AXIS, OPERATION, PIECE, AT_ENDS = 1.6e-7, 2e-8, 1.3e-4, 1e-8
+AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 2e-4, 1e-8
 # for a box of a set, an operation of the set and a box, and that of a box of words
 SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1e-9
 # for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
 # where no cache holds the sums, of about `IN_CACHE` boxes, and a cell is `BESIDE` boxes wide, so none is near the next
-CELL, LINE_OF_CELLS, CORNER, FAR_CORNER = 1.3e-8, 4e-8, 1.3e-9, 6e-9
+CELL, LINE_OF_CELLS, CORNER, FAR_CORNER = 1.4e-8, 4e-8, 1.9e-9, 6.5e-9
 IN_CACHE, BESIDE = 4_000_000, 16
 GONE = 1.5e-7  # for a cell and an input where ends are safe, as a tube may have left before it meets a set
 # for a cell, an input and an axis of the target, to see whether an image is near it; for an image that is
@@ -722,11 +722,11 @@ def _cost_by_cells(
     free = np.flatnonzero(~depends[own])
     length = int(counts[free[-1]]) if free.size else 1
     segment = min(SEGMENT, length)
-    moved = problem.delta / 2 * np.abs(speeds.extremes[:, own]).max(axis=0)  # half of the farthest
+    moved = problem.delta / 4 * np.abs(speeds.extremes[:, own]).max(axis=0)  # half of the farthest, half of them away
     beside = min(float(border.crossings @ (moved + widths)), 1.0)
     close = float((border.crossings * widths)[free[-1]]) * (segment - 1) if free.size else 0.0
     met = [min(border.inside + beside + more, 1.0) for more in (close, 0.0)]
-    corners = 2 ** len(own) * (1 / segment + sum(met) + (parts - 1) * beside)
+    corners = 2 ** len(own) * (1 / segment + sum(met) + (parts - 1) / 2 * beside)  # until they are met
     along = 1 + (parts - 1) * min(beside * length / segment, 1.0)  # how often a line is looked at
     far = min(summed / spans / IN_CACHE, 1.0) * min((summed / spans / counts.prod()) ** (1 / len(own)) / BESIDE, 1.0)
     out = CELL + LINE_OF_CELLS * along / length + corners * (CORNER + FAR_CORNER * far)
