@@ -361,6 +361,12 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
     return min(slow * span for span in spans) - off, max(fast * span for span in spans) + off
 
 
+def common_measure(lengths: Sequence[Fraction]) -> Fraction:
+    """The greatest length of which each of `lengths`, of any sign, is a whole number; 0 if all of them are 0."""
+    pieces = math.lcm(*(length.denominator for length in lengths))  # of one: every length is a number of such
+    return Fraction(math.gcd(*(int(length * pieces) for length in lengths)), pieces)
+
+
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
     """A cell width that divides every length in `moves`, for about `wish` cells on an axis of length `extent`.
 
@@ -369,11 +375,9 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 
     moves : lengths, of any sign. whole : whether the width is to divide the extent, too. wish : at least 1.
     """
-    lengths = [abs(move) for move in [*moves, *([extent] if whole else [])] if move != 0]
-    if not lengths:
+    measure = common_measure([*moves, extent] if whole else moves)
+    if not measure:
         return extent / wish
-    pieces = math.lcm(*(length.denominator for length in lengths))  # of one: every length is a number of such
-    measure = Fraction(math.gcd(*(int(length * pieces) for length in lengths)), pieces)
     parts = round(measure * wish / extent)
     if parts < 1 and measure * wish * 2 < extent:
         return extent / wish
@@ -396,5 +400,6 @@ def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
         back, ahead = moved_bounds(problem, axis, j)
         moves |= {(back + ahead) / 2, (ahead - back) / 2}
-    widths = [aligned_width(extent, not grid.periodic[axis], list(moves), wish) for wish in wishes]
+    measure = [common_measure(list(moves))]
+    widths = [aligned_width(extent, not grid.periodic[axis], measure, wish) for wish in wishes]
     return [axis_of(grid, axis, width, layers_of(problem, axis)) for width in widths]

@@ -35,10 +35,11 @@ no clock, so a problem has the same cells on every machine. `python figures/stud
 seconds again, beside what `costs` says of each part of a solve.
 """
 
-import itertools
+import bisect
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -49,15 +50,16 @@ from sdhj.certified.arrivals import sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import finest, peak_bytes, shapes
-from sdhj.certified.images import BOXES_OF_A_SET, place_axes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, place_axes
 from sdhj.certified.oblique import normals_of
 from sdhj.certified.packing import packed_axis
 from sdhj.certified.word_tubes import goes_along, in_words, pieces_of, size_in_words
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
+from sdhj.kernels.stencils import SEGMENT
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.sets import UnsafeSet
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
 FLOW_PARTS = 64  # parts of an interval in which velocities carry a boundary on
 SPEED_STATES = 256  # states around which velocities are bounded
@@ -79,14 +81,20 @@ DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
 TUBES, LEFT = 10.0, 2.0  # likewise where the target's axes are a problem of their own: by eleven solves of two robots
 LEADING = 40  # numbers of cells of these that are looked at
 IMAGES = 50_000  # for each second, of their cells and inputs: a microsecond each
+HELD_UP = 2.0  # times as much as the best cells lose those of an axis that are too wide for what inputs move
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
-# for a cell, an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at
-# unsafe ends; for an operation of a set and a box
-AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 5e-9, 4e-7, 1e-8, 1e-9
+# for a cell and an input at unsafe ends
+AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 2e-4, 1e-8
+# for a box of a set, an operation of the set and a box, and that of a box of words
+SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1e-9
+# for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
+# where no cache holds the sums, of about `IN_CACHE` boxes, and a cell is `BESIDE` boxes wide, so none is near the next
+CELL, LINE_OF_CELLS, CORNER, FAR_CORNER = 1.4e-8, 4e-8, 1.9e-9, 6.5e-9
+IN_CACHE, BESIDE = 4_000_000, 16
 GONE = 1.5e-7  # for a cell and an input where ends are safe, as a tube may have left before it meets a set
 # for a cell, an input and an axis of the target, to see whether an image is near it; for an image that is
 NEAR, ARRIVAL = 8e-9, 1.2e-7
@@ -145,12 +153,70 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
-    tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
-    places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
+    best = partial(_best, problem, parts, seconds, speeds, cells)
+    tried = [({}, *some, by) for some in ((without, unrounded), (rates, lost)) for by in (1.0, *SHORTER)]
+    places, (_, *some) = best(tried, kept)  # more must not prove less
+    others = _words_filled(problem, cells, places) + _not_held_up(cells, lost)
+    places, _ = best([({}, *some), *((given, *some) for given in others)], kept)
     together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
     if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(_fitted(problem, axis, wishes[place]) for axis, place in enumerate(places))
+
+
+def _best(
+    problem: ReachAvoidProblem,
+    parts: int,
+    seconds: float,
+    speeds: Speeds,
+    cells: Sequence[Sequence[CellAxis]],
+    tried: Sequence[tuple[Mapping[int, int], FloatArray, FloatArray, float]],
+    kept: Callable[[list[int]], float],
+) -> tuple[list[int], tuple[Mapping[int, int], FloatArray, FloatArray, float]]:
+    """Of the choices of cells that `_spread` returns that of which most is kept, and for what of `tried` it did.
+
+    Those that are not paid for count only where none is.
+
+    parts, seconds, speeds, cells : as for `_spread`. tried : (given, rates, lost, by): what it is asked for, by being
+    the share of the seconds. kept : what a choice of cells keeps.
+    """
+    found = [_spread(problem, parts, seconds * by, speeds, cells, rates, lost, own) for own, rates, lost, by in tried]
+    paid = [_is_paid(problem, _picked(cells, places), parts, seconds, speeds) for places in found]
+    best = max(range(len(found)), key=lambda n: (paid[n], kept(found[n])))
+    return found[best], tried[best]
+
+
+def _words_filled(
+    problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], places: Sequence[int]
+) -> list[dict[int, int]]:
+    """Choices for the axis along which sets are packed that fill words of 64 cells: {axis: index}, a few.
+
+    A word less than those that a choice of cells takes there, as many, and one more. [] where each cell of that axis is
+    led by itself.
+
+    cells : for each axis its choices of cells, from few to many. places : the choice, an index for each axis.
+    """
+    axes = _picked(cells, places)
+    depends = place_axes(problem, axes)
+    packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
+    if depends[packed] or problem.grid.has("frees"):
+        return []
+    counts, words = [axis.count for axis in cells[packed]], in_whole_words(axes[packed].count) // 64
+    some = [bisect.bisect(counts, 64 * (words + more)) - 1 for more in (-1, 0, 1)]
+    return [{packed: place} for place in some if place >= 0]
+
+
+def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[dict[int, int]]:
+    """For each axis the fewest cells of which each is worth its room: {axis: index}, where that are not the fewest.
+
+    Losses that are linear are divided by two by twice as many cells. But an input that moves by less than a cell leads
+    nowhere: where what cells lose times their number is more than `HELD_UP` times the least, more cells gain more.
+
+    cells : for each axis its choices of cells, from few to many. lost (ndim, choices) : what each choice loses.
+    """
+    each = lost * [[axis.count for axis in own] for own in cells]
+    first = [int(np.argmax(own <= HELD_UP * own.min())) for own in each]
+    return [{axis: place} for axis, place in enumerate(first) if place]
 
 
 def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
@@ -319,18 +385,15 @@ def _spread(
     shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
     counts = np.array([[axis.count for axis in own] for own in cells])
     lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
-    swapped = [] if given else _swapped(problem, _picked(cells, [counts.shape[1] // 2] * len(cells)), shares)
     for axis, place in given.items():
         crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
         """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd.
 
-        crowd is the logarithm of the number of cells, infinite for choices that are ruled out. Along the axis
-        `swapped` words are filled (`_filled`).
+        crowd is the logarithm of the number of cells, infinite for choices that are ruled out.
         """
-        places = np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
-        return np.array([_filled(counts[k], n) if k in swapped else n for k, n in enumerate(places)])
+        return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
         """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
@@ -350,20 +413,6 @@ def _spread(
     return list(chosen(least).tolist())
 
 
-def _swapped(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], shares: FloatArray) -> list[int]:
-    """[k] if sets are packed along axis k in place of the last one (`sdhj.certified.packing.packed_axis`), else [].
-
-    Of the axes that may be it is the one that has most cells, which is where most is lost.
-
-    axes : some cells of each axis. shares (ndim,) : what a single cell as wide as each axis would lose.
-    """
-    depends, oblique = place_axes(problem, axes), bool(len(normals_of(problem, axes, place_axes(problem, axes))))
-    packed = packed_axis(problem.grid, axes, depends, oblique)
-    if packed == len(axes) - 1:
-        return []
-    return [max(np.flatnonzero(~depends).tolist(), key=lambda k: shares[k])]
-
-
 def _is_paid(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, seconds: float, speeds: Speeds
 ) -> bool:
@@ -373,15 +422,6 @@ def _is_paid(
     """
     large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
     return large < MOST_BYTES and sum(cost(problem, axes, parts, speeds)) < CORES * seconds
-
-
-def _filled(counts: FloatArray, place: int) -> int:
-    """The index of the largest of ascending `counts` that fits into as many words of 64 cells as counts[place] does.
-
-    `place` itself if these words hold more than twice as many cells.
-    """
-    whole = in_whole_words(counts[place])
-    return int(np.searchsorted(counts, whole, side="right")) - 1 if whole <= 2 * counts[place] else place
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
@@ -520,18 +560,43 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
     left : count the unsafe sets alone, without ends, for each unit of length that lines are outside.
     """
-    grid, steps = problem.grid, problem.most_steps
-    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
-    out = np.isfinite(ends).sum(axis=0) * (not left) / extent
+    grid, out = problem.grid, np.zeros(problem.grid.ndim)
+    if not left:
+        out = np.isfinite(np.stack(grid.faces("fails"))).sum(axis=0) / np.subtract(grid.upper, grid.lower)
     for part in problem.unsafe if left else problem.all_sets:
-        own = grid.subgrid(part.axes)
+        border = _border(problem, part)
+        out[list(part.axes)] += border.crossings / max(1.0 - border.inside if left else border.inside, border.least)
+    return out
+
+
+class _Border(NamedTuple):
+    """How much of its axes a set takes, and how often lines cross its boundary.
+
+    inside : the share of the states that are in the set. crossings (d,) : for each unit of length, along each of the
+    set's axes. least : the share of a single node at which the set was looked at.
+    """
+
+    inside: float
+    crossings: FloatArray
+    least: float
+
+
+def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
+    """The `_Border` of a set of a problem, counted between nodes of its grid, or of a coarser one of `SET_NODES`.
+
+    A mean over the first, the middle and the last time for a set that moves. Remembered by the problem.
+    """
+
+    def counted() -> _Border:
+        """The same, counted anew."""
+        own, steps = problem.grid.subgrid(part.axes), problem.most_steps
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
-        for i, axis in enumerate(part.axes):
-            crossed = np.diff(inside, axis=1 + i).mean() * (own.shape[i] - 1)
-            out[axis] += crossed / extent[axis] / max(1.0 - inside.mean() if left else inside.mean(), 1 / own.size)
-    return out
+        crossed = [np.diff(inside, axis=1 + i).mean() * (n - 1) for i, n in enumerate(own.shape)]
+        return _Border(inside.mean(), crossed / np.subtract(own.upper, own.lower), 1 / own.size)
+
+    return problem.remembered(("border", id(part)), counted)
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
@@ -617,13 +682,47 @@ def _cost_of_sets(
         if in_words(problem, depends, axes, unsafe_set, parts):
             out += _cost_in_words(problem, axes, unsafe_set, often, speeds)
             continue
-        free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
-        each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
-        out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
-        out += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
+        tubes = asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
+        out += _cost_by_cells(problem, axes, depends, unsafe_set, parts, speeds, tubes)
     out += GONE * cells * count * starts if problem.grid.has("frees") else 0.0
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)
+
+
+def _cost_by_cells(
+    problem: ReachAvoidProblem,
+    axes: tuple[CellAxis, ...],
+    depends: FloatArray,
+    unsafe_set: UnsafeSet,
+    parts: int,
+    speeds: Speeds,
+    tubes: float,
+) -> float:
+    """Seconds to mark the cells of which tubes may meet an unsafe set, by the corners of tubes in sums of boxes.
+
+    Lines of cells are looked at in segments, those that meet something cell by cell, for the whole interval and for its
+    first part; and in all other parts the cells beside the boundary, from where a tube may get to it.
+
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. parts : of an interval. speeds : of the
+    problem. tubes : how many are asked about: of a cell, an input and a start.
+    """
+    own, border = list(unsafe_set.axes), _border(problem, unsafe_set)
+    spans = parts * problem.most_steps if unsafe_set.moving else 1  # of which each has boxes of its own
+    counts, widths = np.array([axes[k].count for k in own]), np.array([float(axes[k].width) for k in own])
+    summed = float(counts.prod() * spans)
+    summed = max(min(BOXES_OF_A_SET, summed * PIECES_OF_A_CELL ** len(own)), summed)
+    free = np.flatnonzero(~depends[own])
+    length = int(counts[free[-1]]) if free.size else 1
+    segment = min(SEGMENT, length)
+    moved = problem.delta / 4 * np.abs(speeds.extremes[:, own]).max(axis=0)  # half of the farthest, half of them away
+    beside = min(float(border.crossings @ (moved + widths)), 1.0)
+    close = float((border.crossings * widths)[free[-1]]) * (segment - 1) if free.size else 0.0
+    met = [min(border.inside + beside + more, 1.0) for more in (close, 0.0)]
+    corners = 2 ** len(own) * (1 / segment + sum(met) + (parts - 1) / 2 * beside)  # until they are met
+    along = 1 + (parts - 1) * min(beside * length / segment, 1.0)  # how often a line is looked at
+    far = min(summed / spans / IN_CACHE, 1.0) * min((summed / spans / counts.prod()) ** (1 / len(own)) / BESIDE, 1.0)
+    out = CELL + LINE_OF_CELLS * along / length + corners * (CORNER + FAR_CORNER * far)
+    return float(out * tubes) + summed * (SUMMED + BOXED * _operations(unsafe_set.level_set))
 
 
 def _cost_in_words(
@@ -644,7 +743,9 @@ def _cost_in_words(
     boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
     bits = BIT * cells * count * (times if unsafe_set.moving else starts)
     return (
-        BOXED * boxes * _operations(unsafe_set.level_set) + WORD * size_in_words(axes) * count * parts * starts + bits
+        BOXED_IN_WORDS * boxes * _operations(unsafe_set.level_set)
+        + WORD * size_in_words(axes) * count * parts * starts
+        + bits
     )
 
 

@@ -619,14 +619,13 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
     for segment in range(hulls.shape[1]):
         begin, end, found = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size), 0
         met[begin:end] = 0
-        for c in range(corner.shape[1]):
+        for c in range(corner.shape[1] if left[begin:end].any() else 0):
             flat, sign = corner[0, c], corner[1, c]
             found += sign * (sums[flat + hulls[1, segment]] - sums[flat + hulls[0, segment]])
-        if found > 0 and left[begin:end].any():
-            for c in range(corner.shape[1]):
+        for n in range(begin, end if found > 0 else begin):
+            for c in range(corner.shape[1] if left[n] > 0 else 0):
                 flat, sign = corner[0, c], corner[1, c]
-                for n in range(begin, end):
-                    met[n] += sign * (sums[flat + along[1, n]] - sums[flat + along[0, n]])
+                met[n] += sign * (sums[flat + along[1, n]] - sums[flat + along[0, n]])
 
 
 @kernel(parallel=True)
