@@ -399,7 +399,7 @@ def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]
     extent = axis_of(grid, axis, Fraction(1)).extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
         back, ahead = moved_bounds(problem, axis, j)
-        moves |= {(back + ahead) / 2, (ahead - back) / 2}
+        moves |= {back, ahead}
     measure = [common_measure(list(moves))]
     widths = [aligned_width(extent, not grid.periodic[axis], measure, wish) for wish in wishes]
     return [axis_of(grid, axis, width, layers_of(problem, axis)) for width in widths]

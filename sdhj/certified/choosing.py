@@ -73,7 +73,7 @@ ON_A_LINE, HALVINGS_OF_A_LINE = 1025, 40  # states on a line, and how often what
 TRIALS = 16  # of the numbers of cells
 WISHES = 1000  # numbers of cells that an axis may have
 LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
-LOSING_STEPS = 200  # over which losses are added up, at most
+CHANGING = 250  # entries of the recursion that count, at most, as of later ones only what has changed is asked anew
 DIRECTIONS = 16  # in which inputs are asked how far they move
 SLOWED = 100.0  # how many times a loss counts, at most, because steps lead less far for it
 SHARPNESS = 2 / 3
@@ -83,8 +83,9 @@ LEADING = 40  # numbers of cells of these that are looked at
 IMAGES = 50_000  # for each second, of their cells and inputs: a microsecond each
 HELD_UP = 2.0  # times as much as the best cells lose those of an axis that are too wide for what inputs move
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
-MOST_OF_AN_AXIS = 4096
-MOST_BYTES = 4_000_000_000  # without the sets that are found
+MOST_OF_AN_AXIS = 2**15 - 1  # cells, as many as an interval may lead on at most
+MOST_BYTES = 4_000_000_000  # without the blocks of the sets that are found
+BLOCK = 4  # bytes, for the number of a block of a set
 CORES = 1.6  # that two are worth
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
@@ -135,8 +136,8 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     parts : into which an interval is cut.
     """
     speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
-    steps = losing_steps(problem, speeds)
-    wishes = np.unique(np.rint(np.geomspace(2, MOST_OF_AN_AXIS, WISHES)).astype(int)).tolist()
+    steps, most = losing_steps(problem, speeds), MOST_OF_AN_AXIS / max(_lengths_led(problem, speeds), 1.0)
+    wishes = np.unique(np.rint(np.geomspace(2, max(most, 2), WISHES)).astype(int)).tolist()
     cells, rates = [aligned_choices(problem, k, wishes) for k in every], losses(problem, speeds)
     without = rates * [[1.0], [1.0], [0.0]]
     lost, unrounded = (
@@ -421,21 +422,34 @@ def _is_paid(
     parts : into which an interval is cut. speeds : of the problem.
     """
     large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
+    steps = problem.steps or losing_steps(problem, speeds)
+    entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
+    large += BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
     return large < MOST_BYTES and sum(cost(problem, axes, parts, speeds)) < CORES * seconds
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
     """The number of steps over which losses are added up: until the slowest coordinate that moves has crossed its axis.
 
-    At least 1, at most `LOSING_STEPS` and `problem.most_steps`; 1 where a velocity is undefined, which is refused where
-    its bounds are asked for. speeds : of the problem (`speeds_of`).
+    At least 1, at most `problem.most_steps`; 1 where a velocity is undefined, which is refused where its bounds are
+    asked for. speeds : of the problem (`speeds_of`).
     """
     fastest = np.abs(speeds.extremes).max(axis=0)
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     longest = (extent / np.where(fastest > 0, fastest, np.inf)).max() / problem.delta
     if not math.isfinite(longest):
         return 1
-    return int(min(problem.most_steps, max(math.ceil(longest), 1), LOSING_STEPS))
+    return int(min(problem.most_steps, max(math.ceil(longest), 1)))
+
+
+def _lengths_led(problem: ReachAvoidProblem, speeds: Speeds) -> float:
+    """How many times its axis a coordinate moves in an interval, about twice of the most; 0 if that is undefined.
+
+    speeds : of the problem (`speeds_of`), at some states only.
+    """
+    extent = np.subtract(problem.grid.upper, problem.grid.lower)
+    led = 2 * problem.delta * float((np.abs(speeds.extremes).max(axis=0) / extent).max())
+    return led if math.isfinite(led) else 0.0
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
@@ -774,12 +788,11 @@ def _cost_of_recursion(
 ) -> float:
     """Seconds of the recursion: in each entry every cell, and the rows of the image of each, or of each 64 in a word.
 
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. speeds : of the problem. For ever, as
-    many entries count as losses are added up over (`losing_steps`).
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. speeds : of the problem. Where nothing
+    depends on time, `CHANGING` entries count at most; for ever, as many as losses are added up over (`losing_steps`).
     """
-    entries = float(losing_steps(problem, speeds)) if problem.steps is None else float(problem.steps)
-    if not problem.time_invariant:
-        entries *= (problem.most_steps + 1) / 2
+    steps = problem.steps or losing_steps(problem, speeds)
+    entries = float(min(steps, CHANGING)) if problem.time_invariant else steps * (steps + 1) / 2
     cells = math.prod(axis.count for axis in axes)
     if goes_along(problem, depends, range(len(axes))):
         return entries * (WORD * size_in_words(axes) * len(problem.inputs) + IN_WORDS * cells)

@@ -705,16 +705,17 @@ class CellSets:
             if not self.settled:
                 tell(unsettled_finding(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
-        index = np.zeros((len(self.added), self.shape[0]), np.uint32)
+        entries = sorted(self.added) if problem.steps else sorted(self.added)[: last + 1]  # what follows changes nothing
+        whole = problem.steps or not (problem.has_no_target and self.settled)  # else only what stays clear for ever
+        index = np.zeros((len(entries) if whole else 1, self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
-        for i, (step, within) in enumerate(sorted(self.added)):
+        for i, (step, within) in enumerate(entries):
             rows, blocks = self.added.pop((step, within))
-            index[i] = index[i - 1] if within else 0
-            index[i, rows] = np.arange(used, used + rows.size)
+            if whole:
+                index[i] = index[i - 1] if within else 0
+            index[i if whole else 0, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
-        if problem.steps is None:  # without a target only what stays clear for ever
-            index = index[-1:] if problem.has_no_target and self.settled else index[: last + 1]
         return CertifiedTable(proof, index, np.concatenate(pool), facts)
 
 
