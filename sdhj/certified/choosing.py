@@ -155,10 +155,11 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
     best = partial(_best, problem, parts, seconds, speeds, cells)
-    tried = [({}, *some, by) for some in ((without, unrounded), (rates, lost)) for by in (1.0, *SHORTER)]
+    nothing: Mapping[int, int] = {}
+    tried = [(nothing, *some, by) for some in ((without, unrounded), (rates, lost)) for by in (1.0, *SHORTER)]
     places, (_, by_rates, by_lost, share) = best(tried, kept)  # more must not prove less
     others = _words_filled(problem, cells, places) + _not_held_up(cells, lost)
-    places, _ = best([(given, by_rates, by_lost, share) for given in ({}, *others)], kept)
+    places, _ = best([(given, by_rates, by_lost, share) for given in (nothing, *others)], kept)
     together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
     if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
