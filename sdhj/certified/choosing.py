@@ -24,8 +24,12 @@ one velocity, as an arm that is pursued, the recursion on these axes alone is ru
 (`sdhj.certified.alone`): it knows which fit the target and what inputs move. The other axes have what can be paid then,
 and the cells are taken of which most is kept.
 
-Where sets are packed along another axis than the last, 64 cells in a word, that axis has as many cells as its words
-hold, which take hardly longer: of the crane with 70 x 50 x 48 x 48 cells 0.7 % is proved, with 128 in place of 70 20 %.
+All this changes little by little with the number of cells, but two things leap. Sets are packed along one axis,
+64 cells in a word, and a word that is half full takes as long: of the crane with 62 x 50 x 54 x 57 cells .7 % is
+proved, with 127 x 50 x 44 x 44, which take as long, 9 %. And cells may be so wide that no input leads anywhere: of the
+ferry with 382 x 320 cells the target is proved, with 572 x 192, by inputs that move it along x, three times as much. So
+at last the cells are compared, by what they keep, with those of which words are full, of one more and of one less, and
+with those that have on one axis just as many as are needed for inputs to lead on.
 
 On axes where cells are not aligned with what inputs move, their number is changed a little at last, so that edges of
 cells are faces of the target, where it has such: of a crane whose load has to hang still four times as much is proved.
@@ -81,7 +85,7 @@ DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
 TUBES, LEFT = 10.0, 2.0  # likewise where the target's axes are a problem of their own: by eleven solves of two robots
 LEADING = 40  # numbers of cells of these that are looked at
 IMAGES = 50_000  # for each second, of their cells and inputs: a microsecond each
-HELD_UP = 2.0  # times as much as the best cells lose those of an axis that are too wide for what inputs move
+HELD_UP = 2.0  # times what the best cells of an axis lose, by their number: by more inputs are held up
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 2**15 - 1  # cells, as many as an interval may lead on at most
 MOST_BYTES = 4_000_000_000  # without the blocks of the sets that are found
@@ -155,15 +159,24 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
     best = partial(_best, problem, parts, seconds, speeds, cells)
-    nothing: Mapping[int, int] = {}
-    tried = [(nothing, *some, by) for some in ((without, unrounded), (rates, lost)) for by in (1.0, *SHORTER)]
-    places, (_, by_rates, by_lost, share) = best(tried, kept)  # more must not prove less
+    models = (without, unrounded), (rates, lost)
+    tried = [_Asked(*some, by, {}) for some in models for by in (1.0, *SHORTER)]  # more must not prove less
+    places, asked = best(tried, kept)
     others = _words_filled(problem, cells, places) + _not_held_up(cells, lost)
-    places, _ = best([(given, by_rates, by_lost, share) for given in (nothing, *others)], kept)
+    places, _ = best([asked, *(asked._replace(given=given) for given in others)], kept)
     together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
     if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(_fitted(problem, axis, wishes[place]) for axis, place in enumerate(places))
+
+
+class _Asked(NamedTuple):
+    """What `_spread` is asked for: its arguments `rates`, `lost` and `given`, and the share of the seconds."""
+
+    rates: FloatArray
+    lost: FloatArray
+    share: float
+    given: Mapping[int, int]
 
 
 def _best(
@@ -172,17 +185,19 @@ def _best(
     seconds: float,
     speeds: Speeds,
     cells: Sequence[Sequence[CellAxis]],
-    tried: Sequence[tuple[Mapping[int, int], FloatArray, FloatArray, float]],
+    tried: Sequence[_Asked],
     kept: Callable[[list[int]], float],
-) -> tuple[list[int], tuple[Mapping[int, int], FloatArray, FloatArray, float]]:
-    """Of the choices of cells that `_spread` returns that of which most is kept, and for what of `tried` it did.
+) -> tuple[list[int], _Asked]:
+    """Of the choices of cells that `_spread` returns that of which most is kept, and what it was asked for.
 
-    Those that are not paid for count only where none is.
+    Choices that are not paid for count only where none is.
 
-    parts, seconds, speeds, cells : as for `_spread`. tried : (given, rates, lost, by): what it is asked for, by being
-    the share of the seconds. kept : what a choice of cells keeps.
+    parts, seconds, speeds, cells : as for `_spread`. tried : what it is asked for, at least one. kept : what a choice
+    of cells keeps.
     """
-    found = [_spread(problem, parts, seconds * by, speeds, cells, rates, lost, own) for own, rates, lost, by in tried]
+    found = [
+        _spread(problem, parts, seconds * one.share, speeds, cells, one.rates, one.lost, one.given) for one in tried
+    ]
     paid = [_is_paid(problem, _picked(cells, places), parts, seconds, speeds) for places in found]
     best = max(range(len(found)), key=lambda n: (paid[n], kept(found[n])))
     return found[best], tried[best]
@@ -209,10 +224,10 @@ def _words_filled(
 
 
 def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[dict[int, int]]:
-    """For each axis the fewest cells of which each is worth its room: {axis: index}, where that are not the fewest.
+    """For each axis the fewest cells with which inputs lead on: {axis: index}; no entry where any number does.
 
-    Losses that are linear are divided by two by twice as many cells. But an input that moves by less than a cell leads
-    nowhere: where what cells lose times their number is more than `HELD_UP` times the least, more cells gain more.
+    With twice as many cells half is lost, where losses are linear. But an input that moves by less than a cell leads
+    nowhere: there what is lost times the number of cells is more than `HELD_UP` times the least of all choices.
 
     cells : for each axis its choices of cells, from few to many. lost (ndim, choices) : what each choice loses.
     """

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from fractions import Fraction
 
+import cost_of_cells
 import fleet
 import large
 import numpy as np
@@ -144,6 +145,29 @@ def test_more_time_is_not_spent_on_less():
         own = zip(rates.T, aligned(ferry, chosen_cells(ferry, 10, seconds)), strict=True)
         lost.append(sum(lost_to(ferry, k, some, [axis], speeds)[0] for k, (some, axis) in enumerate(own)))
     assert lost == sorted(lost, reverse=True) and lost[-1] < 2.0 < 100.0 < lost[0]
+
+
+def test_where_cells_cannot_be_paid_that_lead_everywhere_they_lead_along_an_axis():
+    """The ferry moves by a cell of 1 / 572 of x, 1 / 428 of y; .042 of the states, the target, with fewer of both."""
+    ferry = fleet.FLEET["256 inputs"]().problem()
+    cells = aligned(ferry, chosen_cells(ferry, 10, 2.0))
+    assert cells[0].count == 572 and cells[1].count < 300
+    table = sdhj.solve(ferry, sdhj.Certified(seconds=2.0), progress=False, play=False)
+    assert table.fraction() > 0.11
+
+
+def test_words_along_which_sets_are_packed_are_full():
+    """A crane: one word of x or two take as long where other axes have as many; two prove more at 8 s."""
+    crane = cost_of_cells.crane()
+    assert [chosen_cells(crane, 10, seconds)[0] for seconds in (2.0, 8.0)] == [62, 127]
+
+
+def test_marking_takes_longer_where_more_is_unsafe():
+    """By what is met and by what is beside a boundary, cells being the same: of the fence and of a small hole alone."""
+    fence = cost_of_cells.fence()
+    axes, speeds = aligned(fence, (100, 100, 14, 14)), speeds_of(fence)
+    marking = [costs(replace(fence, unsafe=[one]), axes, 10, speeds)["unsafe sets"] for one in fence.unsafe]
+    assert marking[0] > 1.5 * marking[1]
 
 
 @pytest.mark.parametrize("delta", [0.01, 0.005])
