@@ -148,10 +148,10 @@ def test_more_time_is_not_spent_on_less():
 
 
 def test_where_cells_cannot_be_paid_that_lead_everywhere_they_lead_along_an_axis():
-    """The ferry moves by a cell of 1 / 572 of x, 1 / 428 of y; .042 of the states, the target, with fewer of both."""
+    """The ferry moves by a cell of about 1 / 572 of x, 1 / 428 of y; .042 of the states, the target, with fewer of both."""
     ferry = fleet.FLEET["256 inputs"]().problem()
     cells = aligned(ferry, chosen_cells(ferry, 10, 2.0))
-    assert cells[0].count == 572 and cells[1].count < 300
+    assert 570 < cells[0].count < 573 and cells[1].count < 300
     table = sdhj.solve(ferry, sdhj.Certified(seconds=2.0), progress=False, play=False)
     assert table.fraction() > 0.11
 
