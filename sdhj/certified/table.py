@@ -711,7 +711,9 @@ class CellSets:
             if not self.settled:
                 tell(unsettled_finding(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
-        entries = sorted(self.added) if problem.steps else sorted(self.added)[: last + 1]  # what follows changes nothing
+        entries = (
+            sorted(self.added) if problem.steps else sorted(self.added)[: last + 1]
+        )  # what follows changes nothing
         whole = problem.steps or not (problem.has_no_target and self.settled)  # else only what stays clear for ever
         index = np.zeros((len(entries) if whole else 1, self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
