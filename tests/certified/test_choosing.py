@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import tracemalloc
 from dataclasses import replace
 from fractions import Fraction
 
@@ -148,7 +149,7 @@ def test_more_time_is_not_spent_on_less():
 
 
 def test_where_cells_cannot_be_paid_that_lead_everywhere_they_lead_along_an_axis():
-    """The ferry moves by a cell of about 1 / 572 of x, 1 / 428 of y; .042 of the states, the target, with fewer of both."""
+    """The ferry moves by a cell of about 1 / 572 of x, 1 / 428 of y; with fewer of both .042, the target."""
     ferry = fleet.FLEET["256 inputs"]().problem()
     cells = aligned(ferry, chosen_cells(ferry, 10, 2.0))
     assert 570 < cells[0].count < 573 and cells[1].count < 300
@@ -353,3 +354,65 @@ def test_cells_fit_what_inputs_move():
     assert chosen_cells(problem, 10, 0.16)[:2] == (29, 29)
     proved = [proved_alone(problem, aligned(problem, (n, n, 2))[:2], 8) for n in (28, 29)]
     assert proved[0] < 0.9 < proved[1]
+
+
+def truck(delta):
+    """Before something that stands 100 m on, up to 15 m/s; a push on brake and throttle of up to a third: its mass."""
+    dynamics = sdhj.Dynamics(
+        [[-4.0], [-2.0], [0.0], [2.0]],
+        lambda q, u: np.stack([q[:, 1], 0.75 * u[0] + 0.0 * q[:, 1]], axis=1),
+        lambda q, u: np.stack([0.0 * q[:, :1], 0.0 * q[:, :1] + u[0]], axis=1),
+        [0.25],
+    )
+    grid = sdhj.Grid([0.0, 0.0], [100.0, 15.0], (201, 61), ends=["unsafe", "wall"])
+    return sdhj.ReachAvoidProblem(grid, dynamics, None, [], delta, None, sensing=sdhj.Sensing((0.1, 0.05)))
+
+
+def test_ends_that_are_whole_cells_are_aligned():
+    """At 100 Hz an input adds .01 to .02 m/s, another takes .02 to .04: cells of .01 m/s round nothing out."""
+    axis = aligned_choices(truck(0.01), 1, [750])[0]
+    assert axis.width == Fraction(1, 100)
+    moves = [moved_bounds(truck(0.01), 1, j) for j in range(4)]
+    assert all(end % axis.width == 0 for ends in moves for end in ends)
+
+
+def test_more_cells_at_a_higher_rate():
+    """In some 670 steps of 10 ms a place is rounded out as often: .768 of .800 with so many cells, .60 with 4,096."""
+    counts = [sdhj.Certified().axes(truck(delta))[0].count for delta in (0.1, 0.01)]
+    assert counts[1] > 2 * counts[0] and counts[1] > 15_000
+    assert (
+        667 <= losing_steps(truck(0.01), speeds_of(truck(0.01))) < 700
+    )  # of random states the fastest has about 15 m/s
+
+
+def test_a_coordinate_that_goes_round_many_times_has_fewer_cells():
+    """An interval may lead 32,767 cells on: a wheel that turns 16 times in one has 1,023 cells at most."""
+    wheel = sdhj.ReachAvoidProblem(
+        sdhj.Grid([0.0, -1.0], [1.0, 1.0], (21, 21), periodic=[True, False], ends=["unsafe", "wall"]),
+        sdhj.Dynamics(
+            [[-1.0], [1.0]], lambda q, u: np.stack([16.0 + 0.1 * q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1), None, None
+        ),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.5) - 0.2),
+        [],
+        1.0,
+        3,
+    )
+    axes = sdhj.Certified(seconds=600.0).axes(wheel)
+    assert axes[0].count * 16.1 < 32_767
+    assert sdhj.solve(wheel, sdhj.Certified(seconds=1.0), progress=False, play=False).fraction() > 0
+
+
+def test_numbers_of_blocks_fit_into_memory():
+    """A table of 100,000 steps has 4 bytes a step for each cell of its leading axis: at most 10,000 of these."""
+    problem = replace(truck(0.01), steps=100_000)
+    assert 1000 < sdhj.Certified(seconds=1e6).axes(problem)[0].count <= 10_000
+
+
+def test_what_is_for_ever_takes_no_memory_for_each_step():
+    """1,001 entries of 20,000 rows would be 80 MB of numbers of blocks; only the last set's are kept."""
+    tracemalloc.start()
+    table = sdhj.solve(joint(0.1), sdhj.Certified(cells=(20_000, 40)), progress=False, play=False)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert table.details["endless"] and len(table.index) == 1 and table.fraction() > 0.8
+    assert peak < 60e6 < 4 * 1001 * 20_000
