@@ -63,7 +63,7 @@ from sdhj.certified.packing import packed_axis
 from sdhj.certified.word_tubes import goes_along, in_words, pieces_of, size_in_words
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.stencils import SEGMENT
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -632,7 +632,7 @@ def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
         crossed = [np.diff(inside, axis=1 + i).mean() * (n - 1) for i, n in enumerate(own.shape)]
-        return _Border(inside.mean(), crossed / np.subtract(own.upper, own.lower), 1 / own.size)
+        return read_only(_Border(inside.mean(), crossed / np.subtract(own.upper, own.lower), 1 / own.size))
 
     return problem.remembered(("border", id(part)), counted)
 

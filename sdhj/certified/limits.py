@@ -146,7 +146,7 @@ class Limits:
         return _largest(causes), added
 
     @cached_property
-    def of_cells(self) -> list[Gain]:
+    def of_cells(self) -> tuple[Gain, ...]:
         """What more cells along an axis gain on copies, and a longer interval, of `DRAWN` states that the grid has.
 
         Shares are those at step 0 with all steps to go. As `gains` tells them, the largest first.
@@ -156,7 +156,7 @@ class Limits:
         asked = 0, self.steps
         if self.grid is not None and (has := self._has(drawn, *asked, self.grid)).any():
             drawn = drawn[has]
-        return [] if self.plain is None else self._tried(self._of_cells(), drawn, *asked, self.plain)
+        return () if self.plain is None else tuple(self._tried(self._of_cells(), drawn, *asked, self.plain))
 
     def decided(self, states: FloatArray, step: int, within: int) -> bool:
         """Whether the grid tells of most states that it lacks that finer cells would not have them either.
