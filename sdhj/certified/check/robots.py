@@ -1091,7 +1091,7 @@ class Robot(Sets):
             for step, some in open_[j].items():
                 rows.setdefault(step, []).append(begin + row[at[some]])
         for step, of_inputs in rows.items():
-            self.halve(step, open_, numbers, swept, of_inputs)
+            self.take_out_clear(step, open_, numbers, swept, of_inputs)
 
     def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array]:
         """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold: (swept, held).
@@ -1121,7 +1121,7 @@ class Robot(Sets):
                 held[own] &= self.lines.hold(self, box, places[own], start, j[own], swept[own], 4 * finer[0])
         return swept, held
 
-    def halve(
+    def take_out_clear(
         self, step: int, open_: dict[int, dict[int, Array]], numbers: Array, swept: Array, rows: list[Array]
     ) -> None:
         """Take out of `open_`, in place, what `clear_in_slabs` proves clear in a step's interval, of all inputs.
