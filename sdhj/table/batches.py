@@ -216,7 +216,7 @@ class Table:
             tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
             not proved at these cells may be true all the same, and may be proved at others: causes and what helps were
             tried on few nodes and few cells (`sdhj.certified.limits`), which are solved when a table is asked first:
-            in some tenths of a second to two for a small table, and up to about twice the solve's time for a large one.
+            in some tenths of a second to a few seconds; of a large table it may take longer than its solve.
 
         Raises
         ------
