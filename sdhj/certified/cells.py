@@ -124,9 +124,9 @@ class CellAxis:
                 "the last cell is narrower than the doubt about the period; choose another number of cells"
             )
 
-    @property
+    @cached_property
     def count(self) -> int:
-        """The number of cells, layers among them."""
+        """The number of cells, layers among them; computed once, as the choice of cells asks 70,000 times for it."""
         return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
@@ -395,11 +395,11 @@ def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]
     Where the axis `is_steady`, widths divide what inputs and disturbance move a state by in an interval and, unless it
     is periodic, the axis, as far as `aligned_width` can; else they are extent / wish as near as the axis allows.
     """
-    grid, moves = problem.grid, set()
+    grid, layers, moves = problem.grid, layers_of(problem, axis), set()
     extent = axis_of(grid, axis, Fraction(1)).extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
         back, ahead = moved_bounds(problem, axis, j)
         moves |= {back, ahead}
     measure = [common_measure(list(moves))]
     widths = [aligned_width(extent, not grid.periodic[axis], measure, wish) for wish in wishes]
-    return [axis_of(grid, axis, width, layers_of(problem, axis)) for width in widths]
+    return [axis_of(grid, axis, width, layers) for width in widths]

@@ -800,11 +800,18 @@ def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], de
 
 
 def _share_inside(problem: ReachAvoidProblem) -> float:
-    """The share of the states, from 0 to 1, that are in the target at the first time; by `SET_STATES` random states."""
-    grid, target = problem.grid, problem.target
-    own = grid.subgrid(target.axes)
-    points = np.random.default_rng(0).uniform(own.lower, own.upper, (SET_STATES, own.ndim))
-    return float((target.level_set(points, problem.time(0)) <= 0.0).mean())
+    """The share of the states, from 0 to 1, that are in the target at the first time; by `SET_STATES` random states.
+
+    Remembered by the problem.
+    """
+
+    def found() -> float:
+        """The same, found anew."""
+        own = problem.grid.subgrid(problem.target.axes)
+        points = np.random.default_rng(0).uniform(own.lower, own.upper, (SET_STATES, own.ndim))
+        return float((problem.target.level_set(points, problem.time(0)) <= 0.0).mean())
+
+    return problem.remembered("share inside the target", found)
 
 
 def _cost_of_recursion(

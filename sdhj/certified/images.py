@@ -383,16 +383,11 @@ class Images(Proof):
 
     @kept
     def farthest_moves(self) -> FloatArray:
-        """The boxes of offsets, in cells, that hold the images from all places: (starts, L, 2, ndim) int64.
+        """The box of offsets, in cells, that holds all images, from any place and input: (starts, 2, ndim) int64.
 
-        The first and then the last cell. One box for all inputs, (starts, 1, 2, ndim), unless that has more words of
-        cells than the inputs' boxes have together. Computed once, at first use, when `low` and `high` are filled.
+        The first and then the last cell. Computed once, at first use, when `low` and `high` are filled.
         """
-        each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
-        whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
-        more = np.where(np.arange(len(self.axes)) < self.rows, 1.0, 64.0)  # whole words are marked
-        sizes = [np.prod(one[:, :, 1] - one[:, :, 0] + more, axis=2).sum() for one in (each, whole)]
-        return each if sizes[0] < sizes[1] else whole
+        return np.stack([self.low.min(axis=(1, 2)), self.high.max(axis=(1, 2))], axis=1).astype(np.int64)
 
     def fill(
         self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray, FloatArray], None]

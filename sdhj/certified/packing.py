@@ -16,7 +16,7 @@ from sdhj.certified.cells import CellAxis
 from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.packed import Cells, swap_packed, to_bits, to_words
-from sdhj.kernels.stencils import Moves, grow, reached_words
+from sdhj.kernels.stencils import Moves, grow
 from sdhj.kernels.windows import add_predecessors
 from sdhj.problem.grid import Grid
 
@@ -45,7 +45,7 @@ class _Swapped(NamedTuple):
     """What `Packing.add` hands to compiled code about one step; the last axis is the one along which sets are packed.
 
     cells : the cells of all axes. moves : the images of the step's interval.
-    far (inputs, 2, ndim) : the boxes of `Images.farthest_moves` for this interval.
+    far (2, ndim) : the box of `Images.farthest_moves` for this interval.
     marks (cells, bytes) uint8 : the bits of clear inputs; (0, 0): all are clear.
     """
 
@@ -140,10 +140,7 @@ class Packing:
 
         cells, following, changed, groups : as for `Packing.add`, but along `axis`. some : of the step.
         """
-        near = np.full(cells.shape, changed is None)
-        if changed is not None:
-            scratch = np.empty((4, len(self.order) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
-            reached_words(*changed, some.far, some.cells, near, *scratch)
+        near = np.full(cells.shape, True) if changed is None else reached_words(*changed, some.far, some.cells)
         extended = self._extended(following, some)
         grow(near, cells, extended, some.marks, some.moves, groups, some.cells, self.proof.shrinks)
 
@@ -203,3 +200,32 @@ class Packing:
         out = np.empty((len(sets) // first * last, -(-first // 64)), np.uint64)
         swap_packed(sets, first, math.prod(counts[self.axis + 1 : -1].tolist()), last, out)
         return out
+
+
+def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:
+    """The words with cells whose image under some input may hold a cell that has changed: (R, W) bool.
+
+    One axis after the other, as images are within a box around their cell. Along the last axis whole words are marked.
+
+    rows (n,), changed (n, W) : the rows with changes, and their words, which are not 0 where cells have changed.
+    far (2, ndim) : the first and the last cell that inputs lead to from any place, as offsets.
+    cells : the `Cells`, of which the last axis is packed.
+    """
+    counts = cells.counts.tolist()
+    out = np.zeros((math.prod(counts[:-1]), changed.shape[1]), np.bool_)
+    out[rows] = changed != 0
+    out = out.reshape(*counts[:-1], -1)
+    for axis, count in enumerate(counts):
+        together = 64 if axis == len(counts) - 1 else 1  # cells of an entry of `out`
+        begin = np.arange(0, count, together)
+        first, last = begin + far[0, axis], np.minimum(begin + together, count) - 1 + far[1, axis]  # obligation 3.8
+        if cells.periodic[axis]:
+            laps, last = first // count * count, np.minimum(last, first + count - 1)
+            first, last = first - laps, last - laps
+        else:
+            first, last = np.clip(first, 0, count - 1), np.clip(last, 0, count - 1)  # obligation 3.9
+        again = np.where(last < count, 0, (last - count) // together + 1)  # behind the seam
+        before = np.insert(np.cumsum(out, axis=axis, dtype=np.int32), 0, 0, axis=axis)  # how many changed
+        first, last = first // together, np.minimum(last, count - 1) // together + 1
+        out = (before.take(last, axis) - before.take(first, axis) + before.take(again, axis)) != 0  # obligation 3.10
+    return out.reshape(-1, changed.shape[1])

@@ -13,7 +13,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.packed import BIT, bits_between, has_bit, has_bits, row_and_bit, shifted_word
+from sdhj.kernels.packed import BIT, bits_between, has_bits, row_and_bit, shifted_word
 
 
 class Moves(NamedTuple):
@@ -236,15 +236,16 @@ def runs_of_any_length(block, begin, length):
 
 @kernel(**UNCOUNTED)
 def images_inside(word, cell, place, moves, cells, extended, scratch, found):
-    """Which of the 64 cells of word number `word` have their image under each move in a set: found (L,) uint64.
+    """Which cells of word number `word` have their image under each move in a set: leaves their bits alone in `found`.
 
-    A bit for each cell, overwritten; those behind the last cell are of no meaning. Returns the OR of all of `found`.
+    Returns the OR of all of `found`.
 
     cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
     moves : the `Moves`. cells : the `Cells`.
     extended (R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along the
         last axis, in words.
     scratch (3, ndim) int64 : overwritten.
+    found (L,) uint64 : the cells that are asked for, under each move; the bits of the others are set to 0, in place.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
@@ -255,7 +256,6 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
-        found[j] = ~np.uint64(0)
         for _ in range(total):
             block = extended[row_of_box(scratch, cells)]
             if inner != ~np.uint64(0):
@@ -311,33 +311,36 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
-    for bit in range(last):
-        if not near[bit >> 6]:
+    for word in range(inside.size):
+        asked = (inside[word] if keep else ~inside[word]) & bits_between(word, 0, last)  # obligation 3.11
+        if not near[word] or asked == 0:
             continue
-        if bit & 63 == 0 and images_in.size > 0:
-            some = images_inside(bit >> 6, cell, begin, moves, cells, pool, indices, images_in)
-        if has_bit(inside, bit) != keep:  # obligation 3.11
-            continue
-        cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
-        place = begin + bit * moves.strides[cell.size - 1]
-        for group in range(groups if found else 0):
-            found = False
-            for turn in range(each):
-                j = (tried + turn) % each  # what served before is tried first
-                at = group * each + j
-                if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.7
-                    continue
-                if images_in.size > 0:
-                    found = (images_in[at] >> np.uint64(bit & 63)) & BIT != 0
-                else:
-                    found = move_inside(cell, at, place, moves, cells, index, pool, indices)
-                if found:
-                    tried = j
+        if images_in.size > 0:
+            images_in[:] = asked
+            some = images_inside(word, cell, begin, moves, cells, pool, indices, images_in)
+        for bit in range(64 * word, min(64 * word + 64, last)):
+            if not (asked >> np.uint64(bit & 63)) & BIT:
+                continue
+            cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
+            place = begin + bit * moves.strides[cell.size - 1]
+            for group in range(groups if found else 0):
+                found = False
+                for turn in range(each):
+                    j = (tried + turn) % each  # what served before is tried first
+                    at = group * each + j
+                    if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.7
+                        continue
+                    if images_in.size > 0:
+                        found = (images_in[at] >> np.uint64(bit & 63)) & BIT != 0
+                    else:
+                        found = move_inside(cell, at, place, moves, cells, index, pool, indices)
+                    if found:
+                        tried = j
+                        break
+                if not found:
                     break
-            if not found:
-                break
-        if found != keep:
-            inside[bit >> 6] ^= BIT << np.uint64(bit & 63)
+            if found != keep:
+                inside[word] ^= BIT << np.uint64(bit & 63)
 
 
 @kernel(parallel=True)
@@ -359,63 +362,6 @@ def add_marked(inside, clear, marks, strides, counts):
             for byte in range(marks.shape[1]):
                 if marks[at, byte] & clear[i * last + bit, byte]:  # obligation 9.15
                     inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
-
-
-@kernel(**UNCOUNTED)
-def reached_words(rows, changed, far, cells, out, scratch, hit):
-    """Set to True in out (R, W) the words with cells whose image under some input may hold a cell that has changed.
-
-    No word is set to False.
-
-    rows (n,), changed (n, W) : the rows with changes, and their words, which are not 0 where cells have changed.
-    far (inputs, 2, ndim) : the first and the last cell that each input leads to from any place, as offsets.
-    cells : the `Cells`. scratch (4, ndim - 1) int64, hit (W,) bool : overwritten.
-    """
-    cell, begin, number, at = scratch[0], scratch[1], scratch[2], scratch[3]
-    last, words = cells.counts.size - 1, out.shape[1]
-    for i in range(rows.size):
-        cell_of(rows[i], cells.counts[:last], cell)
-        for j in range(far.shape[0]):
-            total = 1
-            for axis in range(last):
-                count, periodic = cells.counts[axis], cells.periodic[axis]
-                begin[axis], end = predecessors_along(cell[axis], cell[axis], far[j, :, axis], count, periodic)
-                number[axis], at[axis] = end - begin[axis] + 1, 0
-                begin[axis] %= count
-                total *= max(number[axis], 0)
-            hit[:] = False
-            for word in range(words):
-                if changed[i, word] != 0:
-                    count, bit = cells.counts[last], 64 * word
-                    first, end = predecessors_along(
-                        bit, min(bit + 63, count - 1), far[j, :, last], count, cells.periodic[last]
-                    )
-                    end -= first // count * count
-                    first %= count
-                    hit[first >> 6 : (min(end, count - 1) >> 6) + 1] = True  # obligation 3.10
-                    hit[: ((end - count) >> 6) + 1 if end >= count else 0] = True
-            for _ in range(total):
-                flat = 0
-                for axis in range(last):
-                    count, place = cells.counts[axis], begin[axis] + at[axis]
-                    flat = flat * count + (place if place < count else place - count)  # a remainder takes longest
-                for word in range(words):
-                    out[flat, word] |= hit[word]
-                next_in_box(at, number, last)
-
-
-@kernel(inline="always")
-def predecessors_along(first, last, far, count, periodic):
-    """(begin, end): the first and the last cell of an axis whose image may hold one of the cells first to last.
-
-    The image of a cell is from far[0] to far[1] cells on, on an axis of `count` cells. Clipped on a bounded axis, whose
-    end cells are in every image that was clipped; not taken around on a periodic one.
-    """
-    begin, end = first - far[1], last - far[0]  # obligation 3.8
-    if periodic:
-        return begin, min(end, begin + count - 1)
-    # the end cells are in every image that was clipped
-    return 0 if first == 0 else max(begin, 0), count - 1 if last == count - 1 else min(end, count - 1)  # obligation 3.9
 
 
 @kernel(inline="always")

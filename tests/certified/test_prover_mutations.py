@@ -138,10 +138,10 @@ FALSE = {
 }
 # what is changed, the robot of which plain loops then say something else
 ANOTHER = {
-    "cells whose images change": ("3.8 copy 5 6; copy 10 11", "cornered"),
-    "cells at an end": ("3.9 drop 6", "to the left"),
-    "words that change": ("3.10 copy 7 4", "cart"),
-    "only what was in the set": ("3.11 false 1", "cart"),
+    "cells whose images change": ("3.8 zero 7; zero 22", "cornered"),
+    "cells at an end": ("3.9 put 17 -1", "to the left"),
+    "words that change": ("3.10 zero 4", "cart"),
+    "only what was in the set": ("3.11 drop 3", "cart"),
     "arrivals by inputs that are clear": ("9.16 drop 3", "post in the target"),
     "inputs that lead there": ("3.12 false 1", "line"),
     "safe inputs": ("3.13 drop 12", "cart"),
