@@ -15,9 +15,9 @@ import numpy as np
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.kernels import FloatArray, read_only
-from sdhj.kernels.packed import Cells, swap_packed, to_bits, to_words
+from sdhj.kernels.packed import Cells, swap_packed
 from sdhj.kernels.stencils import Moves, grow
-from sdhj.kernels.windows import add_predecessors
+from sdhj.kernels.windows import add_predecessors, with_beyond
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
@@ -147,18 +147,19 @@ class Packing:
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
         """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
 
-        The margin is as wide as images reach along the packed axis, so that none is wrapped or clipped there; it
+        The margin holds the cells that images reach along the packed axis, so that none is wrapped or clipped there; it
         repeats the row of a periodic axis, and the first and the last cell of a bounded one. The set is returned as it
         is where a place depends on the packed axis, an end is safe, or images reach farther than the axis is long.
 
         some : of the step.
         """
-        moves, count, periodic = some.moves, int(some.cells.counts[-1]), some.cells.periodic[-1]
-        far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
+        moves, (rows, words), count = some.moves, following.shape, int(some.cells.counts[-1])
+        far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > count:
             return following
-        margin, mode = 64 * (far // 64 + 1), "wrap" if periodic else "edge"  # obligation 3.6
-        return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
+        out = np.empty((rows, 1, words + 2 * -(-far // 64)), np.uint64)
+        with_beyond(following[:, None], count, far, bool(some.cells.periodic[-1]), out)  # obligation 3.6
+        return out[:, 0]
 
     def _at(self, step: int, marks: FloatArray) -> _Swapped:
         """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
