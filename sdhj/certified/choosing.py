@@ -854,5 +854,10 @@ def _operations(function: Any) -> int:
     """
     if isinstance(function, BlackBox):
         return BLACK_BOX
-    operations = [one.op for one in ordered(function.outputs)]
-    return len(operations) + LOOK_UP * operations.count("gridded")
+
+    def counted() -> int:
+        """The same, of a function that is read, counted anew: large graphs are asked for at each number of cells."""
+        operations = [one.op for one in ordered(function.outputs)]
+        return len(operations) + LOOK_UP * operations.count("gridded")
+
+    return int(function.remembered("operations", counted))

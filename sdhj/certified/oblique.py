@@ -72,14 +72,13 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     if problem.sensing or not dynamics.formulas:
         return np.zeros((0, len(axes)))
     gain = dynamics.gain
-    still = gain if isinstance(gain, Formula) and all(one.op == "const" for one in gain.outputs) else None
     for pair in combinations(np.flatnonzero(~depends).tolist(), 2):
         own_pair = list(pair)
         if not (max(dynamics.pieces_of_components(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
             continue
         some = [np.array(direction) for direction in ((1.0, 0.0), (0.0, 1.0))]
-        if still is not None:
-            entries = np.array([one.value for one in still.outputs]).reshape(still.shape)[:, own_pair]
+        if isinstance(gain, Formula) and all(one.op == "const" for one in gain.outputs):
+            entries = np.array([one.value for one in gain.outputs]).reshape(gain.shape)[:, own_pair]
             columns = np.moveaxis(entries, 1, 2).reshape(-1, 2)
             some += [np.array([b, -a]) for a, b in columns.tolist() if a and b]
         else:
