@@ -60,6 +60,7 @@ ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 # pieces of a part, and whether ends move as in their face, until what is said is proved
 FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))
+MOST_LEFT = 0.75  # of boxes, by a fineness that is tried again for other inputs and intervals
 WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
@@ -1009,8 +1010,8 @@ class Robot(Sets):
         """Yield claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
 
         And where the file says of any, the inputs that lead into the target itself from the sites of these cells. What
-        is not proved yet is bounded finer and finer (`FINER`). numbers : ascending, each once. silent : show no
-        progress bar.
+        is not proved yet is bounded finer and finer (`FINER`). A fineness that proves little is passed over from then
+        on, but for the finest. numbers : ascending, each once. silent : show no progress bar.
         """
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
@@ -1023,7 +1024,7 @@ class Robot(Sets):
         wrong: tuple[list[str], list[str], list[str]] = ([], [], [])
         made = checked = arrivals = 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
-        looks = max(len(self.clear), len(self.arrives)) if starts == 1 else 1
+        looks, levels = max(len(self.clear), len(self.arrives)) if starts == 1 else 1, list(FINER)
         at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             if at_once is not None and group[0] == 0:
@@ -1042,8 +1043,8 @@ class Robot(Sets):
                 own = flags if numbers.size == flags.size else flags[numbers]
                 made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
                 open_[j][step] = np.flatnonzero(own)
-            for finer in FINER:
-                self.narrow(start, finer, moving, open_, arriving, numbers, at)
+            asked = [self.narrow(start, finer, moving, open_, arriving, numbers, at) for finer in levels]
+            levels = [one for one, a, b in zip(levels, asked, [*asked[1:], 0], strict=True) if b <= MOST_LEFT * a]
             for j in group:
                 wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving[j])
                 some = open_[j].items()
@@ -1066,8 +1067,10 @@ class Robot(Sets):
         arriving: dict[int, Array],
         numbers: Array,
         at: Array,
-    ) -> None:
+    ) -> int:
         """Take out of `moving`, `open_` and `arriving`, in place, what is proved with bounds so fine of `driven`.
+
+        Returns how many boxes were bounded.
 
         start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`; `Unbounded`
             for the finest, `FINER[-1]`, where no bounds are found, and with others nothing is taken out there.
@@ -1102,6 +1105,7 @@ class Robot(Sets):
                 rows.setdefault(step, []).append(begin + row[at[some]])
         for step, of_inputs in rows.items():
             self.take_out_clear(step, open_, numbers, swept, of_inputs)
+        return len(places)
 
     def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array]:
         """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold.
