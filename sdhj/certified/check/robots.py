@@ -868,7 +868,7 @@ class Robot(Sets):
         pairs (M,) : of an input and a site, as of `said_to_arrive`.
         """
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
-        return inputs * self.low.shape[2] + self.cells_at(sites, self.sites) @ self.strides
+        return inputs * self.low.shape[2] + self.cells_at(sites, self.sites) @ self.strides  # check 5.23
 
     def arrivals_hold(self, step: int, pairs: Array, last: Array, at: Array, some: Array) -> Array:
         """Whether inputs lead all of the cells at a site into the target at the end of a step's interval: (m,) bool.
@@ -1029,6 +1029,7 @@ class Robot(Sets):
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             if at_once is not None and group[0] == 0:
                 at_once.look_at(start)
+            # check 4.38
             clear, arrives = (range(len(each)) if starts == 1 else [start] for each in (self.clear, self.arrives))
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             arriving = {step: self.said_to_arrive(group, step, sites) for step in arrives if len(self.arrives)}
@@ -1090,7 +1091,7 @@ class Robot(Sets):
         which, places = np.nonzero(needed)
         swept, last, held = self.bounded(start, finer, np.array([*moving])[which], places)
         for step, pairs in arriving.items():
-            own = np.searchsorted(which * size + places, of[step])  # check 5.23
+            own = np.searchsorted(which * size + places, of[step])  # check 5.24
             hold = partial(self.arrivals_hold, step, pairs, last, own)
             arriving[step] = pairs[~by_slabs(hold, np.arange(pairs.size))]
         counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
