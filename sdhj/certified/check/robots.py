@@ -862,6 +862,13 @@ class Robot(Sets):
         flags = (((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1) & some for j in group)
         return np.concatenate([j * size + np.flatnonzero(own) for j, own in zip(group, flags, strict=True)])
 
+    def sites_of(self, numbers: Array) -> Array:
+        """Which sites have any of the cells with flat numbers (M,): (sites,) bool."""
+        out = np.full(self.arrives.shape[1], numbers.size == self.clear.shape[1])
+        if not out.all():
+            out[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
+        return out
+
     def begins(self, pairs: Array) -> Array:
         """The boxes that inputs begin from at sites, numbered j * places + place: (M,).
 
@@ -881,7 +888,7 @@ class Robot(Sets):
         """
         assert self.target is not None
         moved = last[:, at[some]]
-        known = np.isfinite(moved).all(axis=(0, 2))
+        known = np.logical_and.reduce(np.isfinite(moved), axis=(0, 2))
         cells, out = self.cells_at(pairs[some[known]] % self.arrives.shape[1], self.sites), known.copy()
         box = self.ends(cells, 2 * self.near) + moved[:, known]  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
@@ -1018,11 +1025,8 @@ class Robot(Sets):
             at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
         (taken := np.zeros(all_places, np.bool_))[at] = True
         places = np.flatnonzero(taken)
-        sites = np.full(self.arrives.shape[1], numbers.size == self.clear.shape[1])
-        if not sites.all():
-            sites[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
         wrong: tuple[list[str], list[str], list[str]] = ([], [], [])
-        made = checked = arrivals = 0
+        sites, made, checked, arrivals = self.sites_of(numbers), 0, 0, 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
         looks, levels = max(len(self.clear), len(self.arrives)) if starts == 1 else 1, list(FINER)
         at_once = self.at_once if numbers.size == len(self.clear[0]) else None
@@ -1108,7 +1112,7 @@ class Robot(Sets):
             self.take_out_clear(step, open_, numbers, swept, of_inputs)
         return len(places)
 
-    def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array]:
+    def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array, Array]:
         """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold.
 
         (swept, last, held). swept (P, parts, 2, ndim), last (2, P, ndim) : what `driven` returns, infinite where no
