@@ -163,6 +163,12 @@ class OfInputs:
         known = len(self.kinds) == 1 and isinstance(form, Formula) and not constants.size
         self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.88
 
+    @cached_property
+    def always(self) -> tuple[Array, Array]:
+        """The bounds, both (1, results), where all inputs have one constant value; computed once."""
+        nowhere = np.zeros((1, 0))
+        return self.kinds[0][0].bounds(nowhere, nowhere)
+
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
         """The least and the greatest values under inputs (M,) over boxes (M, coordinates): both (M, results).
 
@@ -172,7 +178,7 @@ class OfInputs:
             time, which must be numbers for a black box, the only one that it has.
         """
         if self.constant:
-            return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])
+            return self.always
         kind, found = self.kind[inputs], np.moveaxis(np.empty((2, self.results, len(inputs))), 1, 2)
         kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
         for number in kinds:
@@ -207,9 +213,9 @@ class Part:
         """The functions of which the set's function is the least: the operands of `min`, or a list of it alone."""
         return self.function.least_of if isinstance(self.function, Formula) else [self.function]
 
-    @property
+    @cached_property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time."""
+        """Whether the level-set function depends on the time; computed once."""
         return self.function.reads("p")
 
 

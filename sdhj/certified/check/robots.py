@@ -60,6 +60,7 @@ ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 # pieces of a part, and whether ends move as in their face, until what is said is proved
 FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))
+MOST_LEFT = 0.75  # of boxes, by a fineness that is tried again for other inputs and intervals
 WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
@@ -198,7 +199,7 @@ class Robot(Sets):
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
-        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 5)
+        swept = several * (16 * ndim * (parts + 1) + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 5)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
         unsafe = [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]
         if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
@@ -850,49 +851,49 @@ class Robot(Sets):
         blocks = self.pool.view(np.uint8)[:, : -(-int(self.counts[-1]) // 8)]
         return np.ascontiguousarray(blocks)[self.index[row]]
 
-    def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
-        """The claim, checked, that inputs lead into the target itself, at the sites of cells with flat numbers (M,).
+    def said_to_arrive(self, group: range, step: int, some: Array) -> Array:
+        """Which of a group of inputs the file says to lead into the target itself in a step's interval: pairs (m,).
 
-        Claims at other sites are counted as made and not checked. silent : show no progress bar.
+        A pair is of an input and a site, j * sites + site.
+
+        group : inputs. step : an index into `arrives`. some (sites,) : bool, the sites that are looked at.
         """
-        made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
-        some = np.full(self.arrives.shape[1], numbers.size == self.clear.shape[1])
-        if not some.all():
-            some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
-        bar, size = tqdm(total=len(self.arrives) * self.count, desc="arrivals", disable=silent), some.size
-        for step, group in product(range(len(self.arrives)), self.groups(1, size)):
-            flags = (((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1) & some for j in group)
-            left = np.concatenate([j * size + np.flatnonzero(own) for j, own in zip(group, flags, strict=True)])
-            checked += left.size
-            for finer in FINER:
-                if left.size:
-                    left = left[~by_slabs(partial(self.arrivals_hold, step=step, finer=finer), left)]
-            wrong.extend(f"start {step}, input {pair // size}, site {pair % size}" for pair in left)
-            bar.update(len(group))
-        bar.close()
-        return Claim(ARRIVE, made, checked, wrong)
+        size = self.arrives.shape[1]
+        flags = (((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1) & some for j in group)
+        return np.concatenate([j * size + np.flatnonzero(own) for j, own in zip(group, flags, strict=True)])
 
-    def arrivals_hold(self, pairs: Array, step: int, finer: tuple[int, bool]) -> Array:
-        """Whether an input leads all of the cells at a site into the target at the end of a step's interval: (M,) bool.
+    def sites_of(self, numbers: Array) -> Array:
+        """Which sites have any of the cells with flat numbers (M,): (sites,) bool."""
+        out = np.full(self.arrives.shape[1], numbers.size == self.clear.shape[1])
+        if not out.all():
+            out[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
+        return out
 
-        False, too, where no bounds are found; with the finest bounds, `FINER[-1]`, that is `Unbounded`.
+    def begins(self, pairs: Array) -> Array:
+        """The boxes that inputs begin from at sites, numbered j * places + place: (M,).
 
-        pairs (M,) : of an input and a site, as j * sites + site. step : the number of the interval.
-        finer : the last two arguments of `driven`.
+        pairs (M,) : of an input and a site, as of `said_to_arrive`.
+        """
+        inputs, sites = np.divmod(pairs, self.arrives.shape[1])
+        return inputs * self.low.shape[2] + self.cells_at(sites, self.sites) @ self.strides  # check 5.23
+
+    def arrivals_hold(self, step: int, pairs: Array, last: Array, at: Array, some: Array) -> Array:
+        """Whether inputs lead all of the cells at a site into the target at the end of a step's interval: (m,) bool.
+
+        False, too, where no bounds are found.
+
+        step : the number of the interval. pairs (M,) : of an input and a site, as of `said_to_arrive`.
+        last (2, P, ndim) : how far ends of cells move, as `bounded` returns it. at (M,) : which of these P is each
+            pair's. some (m,) : indices of the pairs that are asked about.
         """
         assert self.target is not None
-        inputs, sites = np.divmod(pairs, self.arrives.shape[1])
-        cells, start, size = self.cells_at(sites, self.sites), min(step, len(self.low) - 1), self.low.shape[2]
-        places, at = np.unique(inputs * size + cells @ self.strides, return_inverse=True)
-        try:
-            moved = self.driven(places % size, places // size, self.time(start), *finer)[1][:, at]  # check 5.23
-        except Unbounded:
-            if finer == FINER[-1]:
-                raise
-            return np.zeros(len(pairs), np.bool_)
-        box = self.ends(cells, 2 * self.near) + moved  # check 5.19
+        moved = last[:, at[some]]
+        known = np.logical_and.reduce(np.isfinite(moved), axis=(0, 2))
+        cells, out = self.cells_at(pairs[some[known]] % self.arrives.shape[1], self.sites), known.copy()
+        box = self.ends(cells, 2 * self.near) + moved[:, known]  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
-        return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
+        out[known] = self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
+        return out
 
     def steps_fail(self, asked: Array, step: int, following: Array) -> Array:
         """The flat numbers of the cells that no clear input leads into a set, or into the target: (M,), ascending.
@@ -987,8 +988,6 @@ class Robot(Sets):
         if samples is not None:
             chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
-        if len(self.arrives):
-            yield self.claim_of_arrivals(np.flatnonzero(chosen), silent)  # check 5.22
         yield from self.claims_of_sets(chosen, silent)
         if samples is not None and balls.INSTALLED:
             yield self.claim_in_balls(np.flatnonzero(chosen)[:MOST_IN_BALLS], seed)
@@ -1015,27 +1014,31 @@ class Robot(Sets):
         return Claim("bounds hold where Arb's arithmetic looks", made, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
-        """Yield two claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
+        """Yield claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
 
-        What is not proved yet is bounded finer and finer (`FINER`). numbers : ascending, each once. silent : show no
-        progress bar.
+        And where the file says of any, the inputs that lead into the target itself from the sites of these cells. What
+        is not proved yet is bounded finer and finer (`FINER`). A fineness that proves little is passed over from then
+        on, but for the finest. numbers : ascending, each once. silent : show no progress bar.
         """
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
             at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
         (taken := np.zeros(all_places, np.bool_))[at] = True
         places = np.flatnonzero(taken)
-        wrong: tuple[list[str], list[str]] = ([], [])
-        made = checked = 0
+        wrong: tuple[list[str], list[str], list[str]] = ([], [], [])
+        sites, made, checked, arrivals = self.sites_of(numbers), 0, 0, 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
-        looks = len(self.clear) if starts == 1 else 1
+        looks, levels = max(len(self.clear), len(self.arrives)) if starts == 1 else 1, list(FINER)
         at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             if at_once is not None and group[0] == 0:
                 at_once.look_at(start)
-            steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
+            # check 4.38
+            clear, arrives = (range(len(each)) if starts == 1 else [start] for each in (self.clear, self.arrives))
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
-            for j, step in product(group, steps):
+            arriving = {step: self.said_to_arrive(group, step, sites) for step in arrives if len(self.arrives)}
+            arrivals += sum(pairs.size for pairs in arriving.values())
+            for j, step in product(group, clear):
                 if at_once is not None:
                     flags = flags_of(self.clear[step], j, at_once.shape)
                     open_[j][step], count = at_once.open_cells(flags, step, j), number_of(flags)
@@ -1045,16 +1048,20 @@ class Robot(Sets):
                 own = flags if numbers.size == flags.size else flags[numbers]
                 made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
                 open_[j][step] = np.flatnonzero(own)
-            for finer in FINER:
-                self.narrow(start, finer, moving, open_, numbers, at)
+            asked = [self.narrow(start, finer, moving, open_, arriving, numbers, at) for finer in levels]
+            levels = [one for one, a, b in zip(levels, asked, [*asked[1:], 0], strict=True) if b <= MOST_LEFT * a]
             for j in group:
                 wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving[j])
                 some = open_[j].items()
                 wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, each in some for n in numbers[each])
+            for step, pairs in arriving.items():
+                wrong[2].extend("start {}, input {}, site {}".format(step, *divmod(n, sites.size)) for n in pairs)
             bar.update(len(group))
         bar.close()
         yield Claim("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
         yield Claim("clear of the unsafe sets", made, checked, wrong[1])
+        if len(self.arrives):
+            yield Claim(ARRIVE, int(np.bitwise_count(self.arrives).sum()), arrivals, wrong[2])  # check 5.22
 
     def narrow(
         self,
@@ -1062,24 +1069,35 @@ class Robot(Sets):
         finer: tuple[int, bool],
         moving: dict[int, Array],
         open_: dict[int, dict[int, Array]],
+        arriving: dict[int, Array],
         numbers: Array,
         at: Array,
-    ) -> None:
-        """Take out of `moving` and `open_`, in place, what is proved with bounds of `driven` that are so fine.
+    ) -> int:
+        """Take out of `moving`, `open_` and `arriving`, in place, what is proved with bounds so fine of `driven`.
+
+        Returns how many boxes were bounded.
 
         start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`; `Unbounded`
             for the finest, `FINER[-1]`, where no bounds are found, and with others nothing is taken out there.
         moving : for each input the places whose moves are not proved yet.
         open_ : for each input and step the cells from which it is not proved clear yet, as indices into numbers and at.
+        arriving : for each step the pairs of `said_to_arrive` for which that is not proved yet.
         numbers, at (M,) : the flat numbers of the cells that are checked, and their places.
         """
-        size = self.low.shape[2]
+        size, first = self.low.shape[2], next(iter(moving))
         needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
         for flags, (j, some) in zip(needed, moving.items(), strict=True):
             for each in (some, *(at[cells] for cells in open_[j].values())):
                 flags[each] = True
+        of = {step: by_slabs(self.begins, pairs) - first * size for step, pairs in arriving.items()}
+        for each in of.values():
+            needed.ravel()[each] = True
         which, places = np.nonzero(needed)
-        swept, held = self.bounded(start, finer, np.array([*moving])[which], places)
+        swept, last, held = self.bounded(start, finer, np.array([*moving])[which], places)
+        for step, pairs in arriving.items():
+            own = np.searchsorted(which * size + places, of[step])  # check 5.24
+            hold = partial(self.arrivals_hold, step, pairs, last, own)
+            arriving[step] = pairs[~by_slabs(hold, np.arange(pairs.size))]
         counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
         rows: dict[int, list[Array]] = {}  # by step, of each input's open cells, which of `swept` is theirs
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
@@ -1092,34 +1110,35 @@ class Robot(Sets):
                 rows.setdefault(step, []).append(begin + row[at[some]])
         for step, of_inputs in rows.items():
             self.take_out_clear(step, open_, numbers, swept, of_inputs)
+        return len(places)
 
-    def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array]:
-        """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold: (swept, held).
+    def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array, Array]:
+        """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold.
 
-        swept (P, parts, 2, ndim) : the first result of `driven`, infinite where no bounds are found; then held (P,),
-            bool, is False. With the finest bounds, `FINER[-1]`, that is `Unbounded`.
+        (swept, last, held). swept (P, parts, 2, ndim), last (2, P, ndim) : what `driven` returns, infinite where no
+            bounds are found; then held (P,), bool, is False. With the finest bounds, `FINER[-1]`, that is `Unbounded`.
         start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`.
         j (P,) : inputs.
         """
         count = len(places)
         swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
-        held = np.empty(count, np.bool_)
+        last, held = np.moveaxis(np.empty((2, self.grid.ndim, count)), 1, 2), np.empty(count, np.bool_)
         together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()) * finer[1])  # and their faces
         for begin in range(0, count, together):
             own = slice(begin, begin + together)
             try:
-                swept[own], last = self.driven(places[own], j[own], self.time(start), *finer)  # check 3.20
+                swept[own], last[:, own] = self.driven(places[own], j[own], self.time(start), *finer)  # check 3.20
             except Unbounded:
                 if finer == FINER[-1]:
                     raise
-                swept[own], held[own] = np.array([-np.inf, np.inf])[:, None], False
+                swept[own], last[:, own], held[own] = np.array([-np.inf, np.inf])[:, None], np.inf, False
                 continue
-            held[own] = self.moves_hold(places[own], start, j[own], last)  # check 3.30
+            held[own] = self.moves_hold(places[own], start, j[own], last[:, own])  # check 3.30
             if self.lines is not None:
                 box = self.boxes(places[own])
                 # check 3.68
                 held[own] &= self.lines.hold(self, box, places[own], start, j[own], swept[own], 4 * finer[0])
-        return swept, held
+        return swept, last, held
 
     def take_out_clear(
         self, step: int, open_: dict[int, dict[int, Array]], numbers: Array, swept: Array, rows: list[Array]
