@@ -94,7 +94,8 @@ MOST_OF_AN_AXIS = 2**15 - 1  # cells, as many as an interval may lead on at most
 MOST_OF_A_STEADY_AXIS = 4096  # where steps round nothing out that cells could be aligned with, at any rate
 MOST_BYTES = 4_000_000_000  # without the blocks of the sets that are found
 BLOCK = 4  # bytes, for the number of a block of a set
-CORES = 1.6  # that two are worth
+# that two are worth, where a solve takes 1.2 times as long as where this was written: of two processors one took 1.45
+CORES = 1.6 / 1.2
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
 AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 2e-4, 1e-8
@@ -108,8 +109,9 @@ GONE = 1.5e-7  # for a cell and an input where ends are safe, as a tube may have
 # for a cell, an input and an axis of the target, to see whether an image is near it; for an image that is
 NEAR, ARRIVAL = 8e-9, 1.2e-7
 # in the recursion, for a cell of an entry, and for its inputs and the rows of their images, where 64 cells are led at
-# once and where each is led by itself: of many most are done with at once, so the root of their number counts
-ENTRY, ROW, ROW_OF_A_CELL = 6e-9, 1.5e-9, 3e-9
+# once and where each is led by itself: of many most are done with at once, so the root of their number counts. Where
+# hardly anything is proved it takes a third of that
+ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
 # for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
 WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
