@@ -4,6 +4,7 @@ What is counted is the cells of a set (`Robot.leads`), or the boxes of a lattice
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,8 +31,12 @@ def sums(inside: Array, periodic: Array) -> Array:
     return out
 
 
-def strides_of(shape: Sequence[int]) -> Array:
-    """How far entries next to each other along each axis are apart in an array that is flat, the last axis fastest."""
+@lru_cache(maxsize=64)
+def strides_of(shape: tuple[int, ...]) -> Array:
+    """How far entries next to each other along each axis are apart in an array that is flat, the last axis fastest.
+
+    Not to be modified: it is asked for at each input and step, and kept.
+    """
     return np.cumprod([1, *shape[:0:-1]])[::-1].astype(np.int64)
 
 

@@ -175,7 +175,7 @@ class Robot(Sets):
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
         self.lattices, self.boxes_met = dict[int, Lattice](), dict[tuple[int, int], list[Array]]()
-        self.cell_strides = strides_of(self.counts.tolist())
+        self.cell_strides = strides_of(tuple(self.counts.tolist()))
         axes = [part.axes for part in self.unsafe]
         many = worth_while(self.counts.tolist(), self.known.tolist(), self.count, axes)
         self.at_once = AtOnce(self) if many else None
@@ -911,9 +911,12 @@ class Robot(Sets):
         def hold(some: Array) -> Array:
             """Whether some clear input leads from each of the cells with numbers (m,) into the set: (m,) bool."""
             out = np.zeros(len(some), np.bool_)
+            left = np.arange(len(some))
             for j in range(self.low.shape[1]):
-                left = np.flatnonzero(~out)
+                if not left.size:
+                    break
                 out[left] = self.leads(some[left], step, j, inside)
+                left = left[~out[left]]
             return out
 
         numbers = numbers_of(asked, n)
@@ -935,6 +938,8 @@ class Robot(Sets):
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
         out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1  # check 3.45
         left = np.flatnonzero(out)
+        if not left.size:
+            return out
         inside = np.empty(left.size, np.bool_)
         moves = self.safe, self.low[start, j], self.high[start, j], self.strides
         led_into(*self.as_counted(counted), *moves, numbers[left], inside)
