@@ -190,8 +190,9 @@ class Robot(Sets):
         head, arrays : of the file. samples : how many cells are drawn, None: all are checked.
         """
         # First for moves: for each cell flags, for each that is looked at its number, place and row, some of them
-        # twice; for each place what a box sweeps in each part, and for a slab of them all that is made meanwhile. Then
-        # for sets: for each cell whether it is in some, and sums, doubled where axes close.
+        # twice; for each place what a box sweeps in each part, and for a slab of them all that is made meanwhile; for
+        # each site of arrivals flags. Then for sets: for each cell whether it is in some, and sums, doubled where axes
+        # close.
         counts, flags, parts = head["cells"]["shape"], head["proof"]["own"], head["proof"]["parts"]
         ndim, cells = len(counts), math.prod(counts)
         places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
@@ -200,6 +201,7 @@ class Robot(Sets):
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
         swept = several * (16 * ndim * (parts + 1) + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 5)
+        swept += 4 * arrays["arrives"].shape[1] if head["proof"].get("arrives") else 0
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
         unsafe = [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]
         if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
