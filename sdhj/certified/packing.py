@@ -17,7 +17,7 @@ from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, w
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.packed import Cells, swap_packed
 from sdhj.kernels.stencils import Moves, grow
-from sdhj.kernels.windows import add_predecessors, with_beyond
+from sdhj.kernels.windows import add_predecessors
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
@@ -153,13 +153,11 @@ class Packing:
 
         some : of the step.
         """
-        moves, (rows, words), count = some.moves, following.shape, int(some.cells.counts[-1])
+        moves = some.moves
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
-        if moves.strides[-1] or np.isfinite(moves.safe).any() or far > count:
+        if moves.strides[-1] or np.isfinite(moves.safe).any() or far > some.cells.counts[-1]:
             return following
-        out = np.empty((rows, 1, words + 2 * -(-far // 64)), np.uint64)
-        with_beyond(following[:, None], count, far, bool(some.cells.periodic[-1]), out)  # obligation 3.6
-        return out[:, 0]
+        return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
 
     def _at(self, step: int, marks: FloatArray) -> _Swapped:
         """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
