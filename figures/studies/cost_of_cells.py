@@ -1,8 +1,8 @@
 """What the parts of a certified solve take, beside what the model says by which cells are chosen.
 
 `NUMBA_NUM_THREADS=1 python figures/studies/cost_of_cells.py` solves some robots and prints for each part of the model
-(`sdhj.certified.choosing.costs`) the processor's seconds and those of the model, whose constants are such that the sums
-of both are about the same. With more threads kernels' time is not counted. It takes two to four minutes.
+(`sdhj.certified.choosing.costs`) the processor's seconds and those of the model. Where the constants of the model were
+measured, the sums of both were about the same. What other threads take is not counted. It takes two to four minutes.
 """
 
 import time
