@@ -1096,13 +1096,13 @@ class Robot(Sets):
         for flags, (j, some) in zip(needed, moving.items(), strict=True):
             for each in (some, *(at[cells] for cells in open_[j].values())):
                 flags[each] = True
-        of = {step: by_slabs(self.begins, pairs) - first * size for step, pairs in arriving.items()}
-        for each in of.values():
+        begun = {step: by_slabs(self.begins, pairs) - first * size for step, pairs in arriving.items()}
+        for each in begun.values():
             needed.ravel()[each] = True
         which, places = np.nonzero(needed)
         swept, last, held = self.bounded(start, finer, np.array([*moving])[which], places)
         for step, pairs in arriving.items():
-            own = np.searchsorted(which * size + places, of[step])  # check 5.24
+            own = np.searchsorted(which * size + places, begun[step])  # check 5.24
             hold = partial(self.arrivals_hold, step, pairs, last, own)
             arriving[step] = pairs[~by_slabs(hold, np.arange(pairs.size))]
         counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
