@@ -291,13 +291,16 @@ def checked_chunks(data: bytes) -> bytes:
 def bytes_of_file(path: Path, most: int) -> bytes:
     """The bytes of a file, at most `most`; ValueError where it has more, or is no plain file.
 
-    OSError where it cannot be read. A device or a pipe is not read, as it might not end.
+    OSError where it cannot be read. A device or a pipe is not read, as it might not end, nor what is too long.
     """
-    if not stat.S_ISREG(os.stat(path).st_mode):
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode):
         raise ValueError("it is a folder, a device or a pipe")
-    with open(path, "rb") as stream:
-        found = stream.read(most + 1)
-    if len(found) > most:
+    found = b""
+    if status.st_size <= most:
+        with open(path, "rb") as stream:
+            found = stream.read(most + 1)  # files of /proc have no size
+    if max(status.st_size, len(found)) > most:
         raise ValueError(f"it has more than {most:,} bytes")
     return found
 
