@@ -12,12 +12,14 @@ import types
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 
 import numba
 import pytest
 from changes import LIBRARY, mutant
 
 TESTS = Path(__file__).parent
+PARSING = Lock()  # CPython 3.11 counts the depth of trees for all threads together, and may then refuse to make one
 
 
 @contextmanager
@@ -40,7 +42,8 @@ def started(request, kind, mutations, tests, folders, *, compiled=()):
 
 def _run(kind, change, test, tests, folder, *, compiled):
     """Run the tests of a name on a copy of the library in `folder` with a change."""
-    file, tree = mutant(kind, change)
+    with PARSING:
+        file, tree = mutant(kind, change)
     shutil.copytree(LIBRARY, folder / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "sdhj" / file).write_text(ast.unparse(tree))
     command = ["-o", "addopts=--import-mode=importlib", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -269,6 +269,28 @@ class Formula:
         return done
 
     @cached_property
+    def in_all_boxes(self) -> Callable[[tuple[Any, ...]], dict[int, Interval]]:
+        """`_in_all_boxes`, with its last answer kept: at a time, boxes are mostly asked for again and again."""
+        return lru_cache(1)(self._in_all_boxes)
+
+    def _in_all_boxes(self, numbers: tuple[Any, ...]) -> dict[int, Interval]:
+        """By the number of a node its bounds if they are the same in all boxes: two numbers.
+
+        Of nodes that read no coordinate, nor a parameter that is None here, and where nothing jumps.
+
+        numbers : for each parameter its least and greatest value, two numbers, or None.
+        """
+        found: dict[int, Interval] = {}
+        nowhere = np.zeros((0, 0))
+        for number in self.needed:
+            node = self.nodes[number]
+            given = node.name not in ("x", *JUMPS) and (node.name != "p" or numbers[node.given[0]])
+            if given and found.keys() >= {*node.operands}:
+                operands = [found[n] for n in node.operands]
+                found[number] = sure(*self.value(node, operands, nowhere, nowhere, numbers))
+        return found
+
+    @cached_property
     def boxes(self) -> int:
         """How many boxes to evaluate at once, so that at most `MOST_NUMBERS` numbers are in memory; computed once."""
         most = count = 0
@@ -303,8 +325,11 @@ class Formula:
         sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts. Other nodes count on
             both.
         """
-        values: dict[int, Interval] = {}
+        numbers = tuple(None if np.ndim(a) else (float(a), float(b)) for a, b in parameters)  # check 6.43
+        values = dict(self.in_all_boxes(numbers))
         for number in self.needed:
+            if number in values:
+                continue
             node = self.nodes[number]
             operands, side = [values[n] for n in node.operands], sides.get(number)
             jumped = () if side is None else (side,)
@@ -323,8 +348,8 @@ class Formula:
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
-            ends = parameters[node.given[0]] if node.name == "p" else node.given * 2
-            return np.array(ends[0]), np.array(ends[1])
+            least, most = parameters[node.given[0]] if node.name == "p" else node.given * 2
+            return np.array(least), np.array(most)
         if node.name == "gridded":
             return gridded(operands, *node.given)
         return RULES[node.name][1](*operands, *node.given, *side)

@@ -81,8 +81,13 @@ def hull_at_corners(of: Callable[[Array, Array], Array], a: Interval, b: Interva
 
     Nothing is rounded outward.
     """
-    ends = [of(p, q) for p in a for q in b]  # check 6.26
+    ends = [of(p, q) for p in each_end(a) for q in each_end(b)]  # check 6.26
     return reduce(np.minimum, ends), reduce(np.maximum, ends)
+
+
+def each_end(a: Interval) -> Interval | tuple[Array]:
+    """The ends of an interval; one where it is a single number for all boxes, as constants are."""
+    return a[:1] if np.ndim(a[0]) == 0 and a[0] == a[1] else a  # check 6.42
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
@@ -92,7 +97,10 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
 
     of : `np.multiply` or `np.divide`; then b must not hold 0, which is not checked.
     """
-    low, high = outward(*hull_at_corners(of, a, b), least=TINY)
+    least, most = hull_at_corners(of, a, b)
+    low, high = outward(least, most, least=TINY)
+    if np.all(least) and np.all(most):  # no end is moved across 0 but from 0
+        return low, high
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
     return np.where(alike, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)  # check 6.7

@@ -1035,7 +1035,8 @@ class Robot(Sets):
         wrong: tuple[list[str], list[str], list[str]] = ([], [], [])
         sites, made, checked, arrivals = self.sites_of(numbers), 0, 0, 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
-        looks, levels = max(len(self.clear), len(self.arrives)) if starts == 1 else 1, list(FINER)
+        looks = max(len(self.clear), len(self.arrives)) if starts == 1 else 1
+        levels = [one for one in FINER if one != (1, True) or (self.known & self.moves.reads_itself).any()]
         at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             if at_once is not None and group[0] == 0:

@@ -68,6 +68,16 @@ def test_parameters_are_numbers_or_one_for_each_box():
     np.testing.assert_allclose([low[:, 0], high[:, 0]], [-half, half + 0.5], rtol=1e-14)
 
 
+def test_what_reads_no_coordinate_has_bounds_at_each_time():
+    """They are worked out once for a time; as for times that differ from box to box, and with jumps."""
+    lines = ["x 0", "p 0", "mul 1 1", "const 0x1p+1", "mod 2 3", "add 0 2", "add 0 4", "return 2 4 5 6"]
+    own, low, high = formula(lines, 1), np.array([[0.5], [1.5]]), np.array([[0.75], [2.0]])
+    for times in ((0.0, 0.5), (0.0, 0.25), (0.25, 0.5), (1.0, 2.0), (0.0, 0.5)):
+        found = own.bounds(low, high, times)
+        np.testing.assert_array_equal(found, own.bounds(low, high, tuple(np.full(2, time) for time in times)))
+        assert (found[1][:, 0] > times[1] ** 2).all() and (found[1][:, 0] < times[1] ** 2 + 1e-9).all()
+
+
 def test_formulas_of_many_inputs_are_what_they_are_one_by_one(rng):
     """Those that differ in constants are one; those that differ in coordinates, tables, exponents, order are not."""
     lines = ["x 0", "x 1", "p 0", "const 0x1p-1", "const 0x1p+1", "const -0x1.8p+0", "const 0x0p+0", "const -0x0p+0"]
