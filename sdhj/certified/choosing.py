@@ -100,7 +100,7 @@ CORES = 1.6 / 1.2
 # for a cell and an input at unsafe ends
 AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 2e-4, 1e-8
 # for a box of a set, an operation of the set and a box, and that of a box of words
-SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1e-9
+SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1.5e-9
 # for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
 # where no cache holds the sums, of about `IN_CACHE` boxes, and a cell is `BESIDE` boxes wide, so none is near the next
 CELL, LINE_OF_CELLS, CORNER, FAR_CORNER = 1.4e-8, 4e-8, 1.9e-9, 6.5e-9
