@@ -86,8 +86,11 @@ def hull_at_corners(of: Callable[[Array, Array], Array], a: Interval, b: Interva
 
 
 def each_end(a: Interval) -> Interval | tuple[Array]:
-    """The ends of an interval; one where it is a single number for all boxes, as constants are."""
-    return a[:1] if np.ndim(a[0]) == 0 and a[0] == a[1] else a  # check 6.42
+    """The ends of an interval; one where it is a single number for all boxes, as constants are, but for a zero.
+
+    Its ends may be zeros of both signs, which are not the same to `arctan2`.
+    """
+    return a[:1] if np.ndim(a[0]) == 0 and a[0] == a[1] != 0.0 else a  # check 6.42
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:

@@ -67,16 +67,16 @@ def test_every_exact_value_is_inside(name, rng):
 
 
 @pytest.mark.parametrize("name", ["mul", "div", "pow", "arctan2"])
-@pytest.mark.parametrize("ends", [(2.0, 2.0), (-0.5, 3.0), (0.25, 0.5)])
+@pytest.mark.parametrize("ends", [(2.0, 2.0), (-0.5, 3.0), (0.25, 0.5), (0.0, 0.0), (-0.0, 0.0)])
 def test_one_interval_for_all_boxes_is_that_of_each(name, ends, rng):
     """As of constants and times, which are no arrays: a number, or two that differ."""
     one, many = tuple(map(np.array, ends)), boxes(rng, 100)
-    for order in (1, -1):
+    for order, side in product((1, -1), ((), (0,), (1,)) if name in JUMPS else ((),)):
         with np.errstate(all="ignore"):
-            alone = RULES[name][1](*[one, many][::order])
-            each = RULES[name][1](*[tuple(np.full(100, end) for end in one), many][::order])
+            alone = RULES[name][1](*[one, many][::order], *side)
+            each = RULES[name][1](*[tuple(np.full(100, end) for end in one), many][::order], *side)
         np.testing.assert_array_equal(alone, each)
-        assert np.isfinite(alone).any() or min(ends) < 0  # a divisor or a base that may be 0
+        assert np.isfinite(alone).any() or min(ends) <= 0  # a divisor or a base that may be 0
 
 
 @pytest.mark.parametrize("name", JUMPS)
