@@ -107,7 +107,6 @@ MUTATIONS = {
     "all corners": ("6.26 put 2 [{3} for {5}, {6} in zip({8}, {10}, strict=True)]", EXACT),
     "two ends for all boxes": ("6.42 true 11", "test_one_interval_for"),
     "zeros of both signs for all boxes": ("6.42 put 11 {12} == {15}", "test_one_interval_for"),
-    "the input of what is the same in all boxes": ("3.95 zero 5", "test_formulas_of_many"),
     "the end of a time": ("6.43 copy 17 14", "test_what_reads_no"),
     "least absolute values": ("6.27 copy 5 8; copy 15 11", EXACT),
     "most absolute values": ("6.27 copy 16 12", EXACT),

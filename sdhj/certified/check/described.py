@@ -6,7 +6,7 @@ given beside the file.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import h5py
@@ -162,16 +162,6 @@ class OfInputs:
         form, constants = self.kinds[0]
         known = len(self.kinds) == 1 and isinstance(form, Formula) and not constants.size
         self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.88
-        self.in_all_boxes = lru_cache(len(self.kinds))(self._in_all_boxes)  # asked for at one time after the other
-
-    def _in_all_boxes(self, number: int, *parameters: tuple[float, float]) -> tuple[Array, Array]:
-        """The bounds of a formula that reads no coordinate for each of its inputs: both (inputs, results).
-
-        number : which of `kinds` it is. parameters : a pair of numbers for each, its least and greatest value.
-        """
-        function, constants = self.kinds[number]
-        nowhere = np.zeros((len(constants), 0))
-        return function.bounds(nowhere, nowhere, *parameters, *((one, one) for one in constants.T))
 
     @cached_property
     def always(self) -> tuple[Array, Array]:
@@ -194,15 +184,9 @@ class OfInputs:
         for number in kinds:
             function, constants = self.kinds[number]
             own: Any = slice(None) if len(kinds) == 1 else np.flatnonzero(kind == number)
-            rows = self.row[inputs[own]]
-            alike = isinstance(function, Formula) and not function.reads("x")
-            if alike and len(constants) < len(rows) and not any(np.ndim(a) for a, _ in parameters):
-                each = (ends[rows] for ends in self.in_all_boxes(number, *parameters))  # check 3.95
-            else:
-                given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
-                given += [(one, one) for one in constants[rows].T]
-                each = function.bounds(low[own], high[own], *given)
-            found[0, own], found[1, own] = each
+            given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
+            given += [(one, one) for one in constants[self.row[inputs[own]]].T]
+            found[0, own], found[1, own] = function.bounds(low[own], high[own], *given)
         return found[0], found[1]
 
 
