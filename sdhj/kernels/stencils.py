@@ -242,8 +242,8 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
     cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
     moves : the `Moves`. cells : the `Cells`.
-    extended (R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along the
-        last axis, in words.
+    extended (levels R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along
+        the last axis, in words, and their levels (`sdhj.certified.packing.with_levels`): one where images are lines.
     scratch (3, ndim) int64 : overwritten.
     found (L,) uint64 : the cells that are asked for, under each move; the bits of the others are set to 0, in place.
     """
@@ -253,11 +253,23 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     for bit in range(64 if has_lines(cell, moves, cells, last) else 0):
         if moves.halo[0, last] <= 64 * word + bit < count - moves.halo[1, last]:  # obligation 3.25
             inner |= BIT << np.uint64(bit)
+    rows, beside = 1, max(last - 1, 0)
+    for axis in range(last):
+        rows *= cells.counts[axis]
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
+        level, number = 0, scratch[1, beside]
+        while (level + 1) * rows < len(extended) and 2 << level <= number:
+            level += 1
+        if level > 0:  # few rows of that level, the last of which may overlap
+            scratch[1, beside] = -(-number >> level)
+            total = total // number * scratch[1, beside]
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
         for _ in range(total):
-            block = extended[row_of_box(scratch, cells)]
+            at = scratch[2, beside]
+            scratch[2, beside] = min(at << level, number - (1 << level))  # obligation 3.36
+            block = extended[level * rows + row_of_box(scratch, cells)]
+            scratch[2, beside] = at
             if inner != ~np.uint64(0):
                 found[j] &= runs_of_any_length(block, begin, min(length, count)) | inner
             if inner != 0:

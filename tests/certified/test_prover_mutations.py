@@ -134,6 +134,8 @@ FALSE = {
     "where images of all cells begin": ("3.32 copy 16 19", "pursued", NEARER),
     "cells that no input keeps safe": ("3.34 put 5 False", "pursued without a target", NEARER),
     "images past the ends of a row": ("3.35 zero 9", "pursued without a target", NEARER),
+    "all rows of an image": ("3.36 zero 8", "cart", NEARER),
+    "rows that are all in a set": ("3.37 drop 8", "cart", NEARER),
     "every group of inputs": ("3.33 put 10 np.arange(len(first))", "pursued where it must not go up", NEARER),
 }
 # what is changed, the robot of which plain loops then say something else
