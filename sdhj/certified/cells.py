@@ -130,6 +130,13 @@ class CellAxis:
         return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
+    def ends_short(self) -> bool:
+        """Whether an axis is periodic and its last cell is narrower than the others, by more than `DRIFT` of the scale;
+        computed once, as `count` is.
+        """
+        return self.periodic and abs(float(self.count * self.width - self.extent[1])) > DRIFT * self.scale
+
+    @cached_property
     def scale(self) -> float:
         """The largest absolute coordinate on the axis, in its unit; allowances for rounding are a share of it."""
         return float(max(abs(self.lower), abs(self.lower + self.extent[1])))

@@ -224,11 +224,12 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     axes : the cells of each axis.
     """
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
+    held = problem.grid.ends_where("holds").any(axis=0)
     for i, axis in enumerate(axes):
-        # obligation 1.1
-        depends[i] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
-        steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
-        depends[i] |= not steady and problem.grid.ends_where("holds")[:, i].any()  # obligation 1.2
+        depends[i] |= axis.ends_short  # obligation 1.1
+        if held[i]:
+            steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
+            depends[i] |= not steady  # obligation 1.2
     return depends
 
 

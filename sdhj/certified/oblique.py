@@ -14,6 +14,7 @@ With `Sensing`, with black boxes, and where moves would take too much memory, al
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import combinations, pairwise, product
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from sdhj.certified.cells import DRIFT, CellAxis
 from sdhj.formulas.formula import Ends, Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.oblique import draw_lines
+from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.files import read_array
 
@@ -74,7 +76,7 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     gain = dynamics.gain
     for pair in combinations(np.flatnonzero(~depends).tolist(), 2):
         own_pair = list(pair)
-        if not (max(dynamics.pieces_of_components(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
+        if not problem.remembered(("coupled", pair), partial(_is_coupled, dynamics, own_pair)):
             continue
         some = [np.array(direction) for direction in ((1.0, 0.0), (0.0, 1.0))]
         if isinstance(gain, Formula) and all(one.op == "const" for one in gain.outputs):
@@ -91,6 +93,11 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
             if not any(np.abs(normal - one).max() < SAME for one in found):
                 found.append(normal)
     return np.array(found) if 0 < len(found) <= MOST_NORMALS else np.zeros((0, len(axes)))
+
+
+def _is_coupled(dynamics: Dynamics, pair: list[int]) -> bool:
+    """Whether some component of v, which may enter nonlinearly, moves both axes of a pair."""
+    return max(dynamics.pieces_of_components(pair), default=1) > 1 or dynamics.couples(pair)
 
 
 def rates_along(

@@ -115,7 +115,8 @@ class Sensing:
 
         If not, robots measure exactly and act at once, whatever `memory` is.
         """
-        return bool(np.any(self.error) or self.delay or self.jitter)
+        errors = self.error if isinstance(self.error, tuple) else (self.error,)
+        return any((*errors, self.delay, self.jitter))
 
     @property
     def remembers(self) -> bool:
