@@ -15,7 +15,7 @@ import numpy as np
 
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
-from sdhj.kernels.pieces import cut_boxes
+from sdhj.kernels.pieces import boxes_of_product, cut_boxes
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -113,19 +113,15 @@ class Bounds:
         """
         level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
-        first = [ends[::side] for ends in low]
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
-        out = np.empty([ends.size for ends in first], np.int8)
-        for at in _in_batches(np.arange(out.size)):
-            there = np.unravel_index(at, out.shape)
-            out.ravel()[at] = _sign(level(picked(first, there), picked(last, there)))
+        out = np.empty([ends.size for ends in last], np.int8)
+        for at, boxes in _boxes_in_batches(np.arange(out.size), [ends[::side] for ends in low], last):
+            out.ravel()[at] = _sign(level(*boxes))
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at in _in_batches(left):
-            there = np.unravel_index(at, sizes)
-            most = MOST_HALVES * at.size // left.size
-            out.ravel()[at] = _sign_by_halving(level, picked(low, there), picked(high, there), halvings, most)
+        for at, boxes in _boxes_in_batches(left, low, high):
+            out.ravel()[at] = _sign_by_halving(level, *boxes, halvings, MOST_HALVES * at.size // left.size)
         return out
 
     def outside(
@@ -215,6 +211,8 @@ def _sign_by_halving(
 
     level : bounds (2, M) of the function over boxes from low to high, (M, axes) each, the corners.
     """
+    if not halvings:
+        return _sign(level(low, high))
     (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
     for turn in range(halvings + 1):
         sign = _sign(level(low, high))
@@ -237,14 +235,22 @@ def _sign(bounds: FloatArray) -> FloatArray:
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
-def _in_batches(places: FloatArray) -> Iterator[FloatArray]:
-    """Yield the indices `places` (n,) in runs of at most `BOXES`, one after the other; none if there are none."""
-    return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
+def _boxes_in_batches(
+    places: FloatArray, low: Sequence[FloatArray], high: Sequence[FloatArray]
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield (at, boxes) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other.
 
-
-def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
-    """The points (M, axes) whose i-th coordinate is ends[i][at[i]], each at[i] (M,) being indices into ends[i]."""
-    return np.stack([own[places] for own, places in zip(ends, at, strict=True)], axis=1)
+    at (m,) is the run, boxes (2, m, axes) are the corners of the boxes with these numbers, of the product of the
+    intervals from low[k] to high[k] along each axis. None is yielded if there are no places.
+    """
+    sizes = np.array([ends.size for ends in low])
+    ends = np.zeros((2, len(low), sizes.max()))
+    for side, k in np.ndindex(2, len(low)):
+        ends[side, k, : sizes[k]] = (low, high)[side][k]
+    for begin in range(0, places.size, BOXES):
+        at = places[begin : begin + BOXES]
+        boxes_of_product(at, ends, sizes, boxes := np.empty((2, at.size, len(low))))
+        yield at, boxes
 
 
 def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
@@ -266,7 +272,7 @@ def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArr
         count = cut_boxes(*some, ends, periodic, cut, rows)
         found: Any = [np.asarray(end) for end in bounded(*cut[:, :count])]
         if count > size:
-            first = np.searchsorted(rows[:count], np.arange(size))
+            first = np.flatnonzero(np.diff(rows[:count], prepend=-1))
             found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)  # obligation 4.37
         out = out if begin else np.empty((2, len(low), *found[0].shape[1:]))
         out[0, begin : begin + size], out[1, begin : begin + size] = found

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import Any, ClassVar
 
 import h5py
@@ -315,7 +315,7 @@ class GeneralProof(Images):
     def layout(self) -> Placed:
         """Where the cells are in memory (`Placed`), by place and then by the axes of no place; made once, at first use.
 
-        Every line has one cell here; `_mark_alike_cells` replaces the lines.
+        There are no lines here; `_mark_alike_cells` adds those that it needs.
         """
         counts, depends = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
@@ -324,10 +324,10 @@ class GeneralProof(Images):
         return Placed(
             counts,
             self._numbers(depends),
-            self._numbers(~depends),
+            np.zeros(0, np.int64),
             0,
             0,
-            1,
+            0,
             edges,
             self.open_ends + SIDES[:, 0] * self.shell,
         )
@@ -335,8 +335,8 @@ class GeneralProof(Images):
     def _numbers(self, which: FloatArray) -> FloatArray:
         """The numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool, in C order."""
         counts = self.cells.counts
-        flat = np.cumprod([1, *counts[:0:-1]])[::-1]
-        return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
+        each = zip(np.cumprod([1, *counts[:0:-1]])[::-1], np.where(which, counts, 1), strict=True)
+        return np.asarray(reduce(np.add.outer, [flat * np.arange(count) for flat, count in each])).ravel()
 
     def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, lines, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.

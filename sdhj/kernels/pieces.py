@@ -104,6 +104,21 @@ def clip_to_walls(start, moved, shift_invariant, walls):
 
 
 @kernel(nogil=True)
+def boxes_of_product(at, ends, sizes, out):
+    """Write to out (2, M, d) the boxes with flat numbers at (M,) of a product of intervals, the last axis fastest.
+
+    ends (2, d, most) : the lower and the upper ends of the intervals along each axis, sizes (d,) of them.
+    """
+    for m in range(at.size):
+        number = at[m]
+        for back in range(sizes.size):
+            k = sizes.size - 1 - back
+            whole = number // sizes[k]
+            i, number = number - whole * sizes[k], whole
+            out[0, m, k], out[1, m, k] = ends[0, k, i], ends[1, k, i]
+
+
+@kernel(nogil=True)
 def cut_boxes(low, high, ends, periodic, out, rows):
     """Cut boxes at the ends of bounded axes and where a periodic one closes; returns how many pieces there are.
 
@@ -121,7 +136,7 @@ def cut_boxes(low, high, ends, periodic, out, rows):
                 begin, end = min(max(begin, lower), upper), min(max(end, lower), upper)
             elif end - begin >= upper - lower:
                 begin, end = lower, upper
-            else:
+            elif begin < lower or end > upper:
                 laps = math.floor((begin - lower) / (upper - lower)) * (upper - lower)
                 begin, end = max(begin - laps, lower), end - laps
             for i in range(first, first + pieces):
