@@ -290,3 +290,17 @@ def test_threads_play_the_same():
     few = [*range(0, 40_001, 997), 40_000]
     np.testing.assert_array_equal(tapes.values(tape, points[few]), values[:, few])
     np.testing.assert_array_equal(tapes.bounds(tape, points[few], points[few] + 0.01), found[..., few])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_boxes_that_share_coordinates_have_the_bounds_of_each(seed):
+    """What all boxes of a block share is bounded once: the same bits as in any order, at zeros of both signs, too."""
+    rng = np.random.default_rng(seed)
+    nodes = tuple(node for _, node in graphs.random_pairs(rng, 60, leaves=graphs.X))
+    tape = Formula(nodes, 3, 0, (len(nodes),)).tape
+    sides = [[0.0, -0.0, *rng.choice(tapes.AWKWARD, 2)], [-0.0, 0.0, 0.7], rng.normal(size=300)]
+    low = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    high, order = low + np.array([0.25, 0.0, 0.01]), rng.permutation(len(low))
+    found, mixed = tapes.bounds(tape, low, high), tapes.bounds(tape, low[order], high[order])
+    np.testing.assert_array_equal(found[..., order].view(np.int64), mixed.view(np.int64))
+    assert 0.1 < np.isfinite(found).mean()

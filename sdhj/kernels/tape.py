@@ -659,6 +659,15 @@ def _undefined_to_nan(scratch, i, j, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
+def _is_one(row):
+    """Whether all numbers of a row are one; False for zeros, which have two signs. Most rows rise: the last is first."""
+    for back in range(row.size):
+        if row[row.size - 1 - back] != row[0]:
+            return False
+    return row[0] != 0.0
+
+
+@kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
     """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], rounded outward.
 
@@ -673,14 +682,16 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
     value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
     places = places.reshape(-1, 12)
     scratch, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
+    alike = np.zeros(slots + 3, np.bool_)  # rows with one interval for all boxes of a block: it is bounded once
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(code.shape[0]):
             op, slot, first = code[k, 0], code[k, 1], code[k, 2]
-            result = scratch[2 * spare : 2 * spare + 2]
+            result, once, n = scratch[2 * spare : 2 * spare + 2], op == P or op == CONST, count
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
+                once = _is_one(result[0, :count]) and _is_one(result[1, :count])
             elif op == P or op == CONST:
                 least = ends[0, first] if op == P else value[k]
                 most = ends[1, first] if op == P else value[k]
@@ -691,14 +702,19 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
             else:
                 i, last = place[first], place[code[k, 4]] if op == WHERE else 0
                 j, fact = place[code[k, 3]], facts[op]
+                once = alike[i] and alike[j] and (op != WHERE or alike[last])
+                n = 1 if once else count
                 if fact[DIRECT] != 0.0:
-                    _direct_bounds(op, scratch, i, j, spare, last, count)
+                    _direct_bounds(op, scratch, i, j, spare, last, n)
                 else:
-                    _at_ends(op, fact, scratch, i, j, spare, int(value[k]), count)
-                    _outward(op, fact, scratch, i, j, spare, int(value[k]), count)
+                    _at_ends(op, fact, scratch, i, j, spare, int(value[k]), n)
+                    _outward(op, fact, scratch, i, j, spare, int(value[k]), n)
             if op < ADD or op == WHERE:
                 i, j = spare, spare
-            _undefined_to_nan(scratch, i, j, spare, count)
+            _undefined_to_nan(scratch, i, j, spare, n)
+            for m in range(n, count):
+                result[0, m], result[1, m] = result[0, 0], result[1, 0]
+            alike[spare] = once
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             row = 2 * place[outputs[i]]
