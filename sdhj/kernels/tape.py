@@ -660,7 +660,7 @@ def _undefined_to_nan(scratch, i, j, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _is_one(row):
-    """Whether all numbers of a row are one; False for zeros, which have two signs. Most rows rise: the last is first."""
+    """Whether all numbers of a row are one, and not zeros, which have two signs; the last first, as most rows rise."""
     for back in range(row.size):
         if row[row.size - 1 - back] != row[0]:
             return False
