@@ -536,7 +536,7 @@ def warmup() -> None:
 
 
 def compile_kernels(robot: str, method: str) -> float:
-    """Compile every kernel that a small problem of a robot calls with a method, and those of the controller.
+    """Compile every kernel that a small problem of a robot calls with a method, and those of table and controller.
 
     robot : "arm" or "car". method : a name of `METHODS`; with "certified" also the checker is run. Returns how long it
         took, s.
@@ -545,6 +545,7 @@ def compile_kernels(robot: str, method: str) -> float:
     problem = arm_case_study(nodes=9, steps=2) if robot == "arm" else new_robot()
     with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
         table = solve(problem, Certified(cells=WARM_CELLS[robot]) if certified else method, progress=False)
+    table.contains(np.add(problem.grid.lower, problem.grid.upper) / 2)
     monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
     if certified:
         with TemporaryDirectory() as folder:
