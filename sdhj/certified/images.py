@@ -224,7 +224,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     axes : the cells of each axis.
     """
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
-    held = problem.grid.ends_where("holds").any(axis=0)
+    held = np.logical_or.reduce(problem.grid.ends_where("holds"), axis=0)
     for i, axis in enumerate(axes):
         depends[i] |= axis.ends_short  # obligation 1.1
         if held[i]:

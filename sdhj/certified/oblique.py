@@ -26,7 +26,7 @@ from sdhj.certified.cells import DRIFT, CellAxis
 from sdhj.formulas.formula import Ends, Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.oblique import draw_lines
-from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.dynamics import VectorField
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.files import read_array
 
@@ -95,7 +95,7 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     return np.array(found) if 0 < len(found) <= MOST_NORMALS else np.zeros((0, len(axes)))
 
 
-def _is_coupled(dynamics: Dynamics, pair: list[int]) -> bool:
+def _is_coupled(dynamics: VectorField, pair: list[int]) -> bool:
     """Whether some component of v, which may enter nonlinearly, moves both axes of a pair."""
     return max(dynamics.pieces_of_components(pair), default=1) > 1 or dynamics.couples(pair)
 
