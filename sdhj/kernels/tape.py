@@ -702,7 +702,7 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
             else:
                 i, last = place[first], place[code[k, 4]] if op == WHERE else 0
                 j, fact = place[code[k, 3]], facts[op]
-                once = alike[i] and alike[j] and (op != WHERE or alike[last])
+                once = alike[i] and alike[j] and (op != WHERE or alike[last])  # obligation 7.36
                 n = 1 if once else count
                 if fact[DIRECT] != 0.0:
                     _direct_bounds(op, scratch, i, j, spare, last, n)

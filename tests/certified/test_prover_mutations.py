@@ -183,6 +183,7 @@ WRONG = {
     "endless ends": ("7.28 drop 4", "is_undefined_stays_so", "exp"),
     "nodes in a box": ("7.29 put 8 int({13})", "gridded", 2),
     "the last block": ("7.35 put 2 max({3}, 1)", "of_boxes_with_many_nodes", (900,)),
+    "boxes of which one operand differs": ("7.36 drop 6", "share_coordinates_have_the_bounds_of_each", 0),
     "rounding of tables": ("7.30 zero 2", "of_tables_hold_what_is_exact", 2),
 }
 
