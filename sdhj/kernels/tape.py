@@ -693,8 +693,7 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
                 once = _is_one(result[0, :count]) and _is_one(result[1, :count])
             elif op == P or op == CONST:
-                least = ends[0, first] if op == P else value[k]
-                most = ends[1, first] if op == P else value[k]
+                least, most = (ends[0, first], ends[1, first]) if op == P else (value[k], value[k])
                 for m in range(count):
                     result[0, m], result[1, m] = least, most
             elif op == GRIDDED:
