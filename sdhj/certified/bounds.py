@@ -116,12 +116,12 @@ class Bounds:
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in last], np.int8)
-        for at, first, end in _boxes_in_batches(np.arange(out.size), [ends[::side] for ends in low], last):
-            out.ravel()[at] = _sign(level(first, end))
+        for at, lower, upper in _boxes_in_batches(np.arange(out.size), [ends[::side] for ends in low], last):
+            out.ravel()[at] = _sign(level(lower, upper))
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at, first, end in _boxes_in_batches(left, low, high):
-            out.ravel()[at] = _sign_by_halving(level, first, end, halvings, MOST_HALVES * at.size // left.size)
+        for at, lower, upper in _boxes_in_batches(left, low, high):
+            out.ravel()[at] = _sign_by_halving(level, lower, upper, halvings, MOST_HALVES * at.size // left.size)
         return out
 
     def outside(
@@ -238,9 +238,9 @@ def _sign(bounds: FloatArray) -> FloatArray:
 def _boxes_in_batches(
     places: FloatArray, low: Sequence[FloatArray], high: Sequence[FloatArray]
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Yield (at, first, end) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other.
+    """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other.
 
-    at (m,) is the run, first and end (m, axes) are the corners of the boxes with these numbers, of the product of the
+    at (m,) is the run, lower and upper (m, axes) are the corners of the boxes with these numbers, of the product of the
     intervals from low[k] to high[k] along each axis. None is yielded if there are no places.
     """
     sizes = np.array([ends.size for ends in low])

@@ -130,7 +130,7 @@ class CellAxis:
         return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
-    def ends_short(self) -> bool:
+    def last_is_narrower(self) -> bool:
         """Whether an axis is periodic and its last cell is narrower than the others, by more than `DRIFT` of the scale;
         computed once, as `count` is.
         """

@@ -226,7 +226,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     held = np.logical_or.reduce(problem.grid.ends_where("holds"), axis=0)
     for i, axis in enumerate(axes):
-        depends[i] |= axis.ends_short  # obligation 1.1
+        depends[i] |= axis.last_is_narrower  # obligation 1.1
         if held[i]:
             steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
             depends[i] |= not steady  # obligation 1.2

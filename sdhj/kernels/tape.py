@@ -659,7 +659,7 @@ def _undefined_to_nan(scratch, i, j, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _is_one(row):
+def _is_constant(row):
     """Whether all numbers of a row are one, and not zeros, which have two signs; the last first, as most rows rise."""
     for back in range(row.size):
         if row[row.size - 1 - back] != row[0]:
@@ -691,7 +691,7 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
-                once = _is_one(result[0, :count]) and _is_one(result[1, :count])
+                once = _is_constant(result[0, :count]) and _is_constant(result[1, :count])
             elif op == P or op == CONST:
                 least, most = (ends[0, first], ends[1, first]) if op == P else (value[k], value[k])
                 for m in range(count):
