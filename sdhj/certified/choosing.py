@@ -431,6 +431,8 @@ def _spread(
     for _ in every:
         most = limits.max()
         for _ in range(TRIALS):
+            if (chosen(least) == chosen(most)).all():  # so it is in between
+                break
             factor = math.sqrt(least * most)
             least, most = (factor, most) if fits(chosen(factor)) else (least, factor)
         leaps = counts[every, chosen(most)] / counts[every, chosen(least)]

@@ -42,6 +42,7 @@ FEW_NODES, FEWEST_NODES, FINER = 5_000, 5, 4.0  # of a grid; along an axis; and 
 WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
 FEW_CELLS, FEWEST = 10_000, 4  # of a copy, and along an axis
 SHARE_OF_NODES, SHARE_OF_CELLS = 100, 16  # of so many cells one is a node's, or a copy's, where that is more
+MOST_NODES = 1_000_000  # that this gives: nine times as many took as long as the solve of the arm's case study
 MOST_STEPS = 1000  # that are solved where nothing depends on time
 MORE_STEPS, MORE_ROOM = "more steps", "more room beside"
 LESS_PUSH = "a smaller disturbance or stronger inputs"
@@ -255,7 +256,8 @@ class Limits:
         cells = np.array([axis.count for axis in self.own_axes])
         steps = problem.steps or ENDLESS_STEPS
         tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
-        few = max(min(FEW_NODES, WORK / (len(problem.inputs) * tubes)), cells.prod() / SHARE_OF_NODES)
+        share = min(cells.prod() / SHARE_OF_NODES, MOST_NODES)
+        few = max(min(FEW_NODES, WORK / (len(problem.inputs) * tubes)), share)
         nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), FINER)), FEWEST_NODES) + 1
         made = replace(problem, grid=replace(problem.grid, shape=tuple(nodes.astype(int).tolist())), **change)
         sets = HJI().sets(made, False)

@@ -124,7 +124,7 @@ FALSE = {
     "past an upper end by a cell": ("3.4 weaken 3", "out to the right", NEARER),
     "past a lower end by a cell": ("3.4 zero 17", "out to the left", NEARER),
     "every cell of an image at once": ("3.5 false 1", "line", NEARER),
-    "what is past an end": ("3.6 put 9 __import__('dataclasses').replace({9}, periodic=False)", "circle", NEARER),
+    "what is past an end": ("3.6 put 10 __import__('dataclasses').replace({10}, periodic=False)", "circle", NEARER),
     "inputs that are clear": ("3.7 false 1", "beside a post", NEARER),
     "words that miss nothing": ("3.29 drop 4", "pursued", NEARER),
     "cells of a word that miss nothing": ("3.30 false 1", "pursued", NEARER),
