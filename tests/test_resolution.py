@@ -377,6 +377,16 @@ def test_every_method_says_what_is_wrong_with_a_problem(mistake, method, tmp_pat
         sdhj.solve(on_the_ring(**changes), METHODS[method], progress=False, **store)
 
 
+@pytest.mark.parametrize(("mistake", "told"), [("nowhere", True), ("a thin fence", False)])
+def test_of_many_nodes_it_is_asked_whether_any_is_in_a_set(mistake, told, monkeypatch):
+    monkeypatch.setattr(sdhj.solver.resolution, "MOST_NODES", 1)
+    changes, said = MISTAKES[mistake]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_sets(on_the_ring(**changes))
+    assert [bool(re.search(said, str(one.message))) for one in caught] == [True] * told
+
+
 @pytest.mark.parametrize("method", ["hji", "certified"])
 def test_and_says_it_of_cells_of_velocities_and_of_sets_that_move(method):
     jumps = lambda q, u: np.stack([np.full(len(q), u[0]), u[1] + 0.1 * q[:, 0]], axis=1)  # noqa: E731

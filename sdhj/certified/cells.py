@@ -24,7 +24,7 @@ import math
 import re
 import reprlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -374,15 +374,14 @@ def common_measure(lengths: Sequence[Fraction]) -> Fraction:
     return Fraction(math.gcd(*(int(length * pieces) for length in lengths)), pieces)
 
 
-def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
-    """A cell width that divides every length in `moves`, for about `wish` cells on an axis of length `extent`.
+def aligned_width(extent: Fraction, measure: Fraction, wish: int) -> Fraction:
+    """A cell width that divides a length, `measure`, for about `wish` cells on an axis of length `extent`.
 
-    It is extent / wish where there is no length but 0, or where the largest width that divides them all would make more
-    than twice the cells wished for: this is sound as well, but every image is rounded out to whole cells.
+    It is extent / wish where the length is 0, or where the largest width that divides it would make more than twice the
+    cells wished for: this is sound as well, but every image is rounded out to whole cells.
 
-    moves : lengths, of any sign. whole : whether the width is to divide the extent, too. wish : at least 1.
+    wish : at least 1.
     """
-    measure = common_measure([*moves, extent] if whole else moves)
     if not measure:
         return extent / wish
     parts = round(measure * wish / extent)
@@ -403,10 +402,10 @@ def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]
     is periodic, the axis, as far as `aligned_width` can; else they are extent / wish as near as the axis allows.
     """
     grid, layers, moves = problem.grid, layers_of(problem, axis), set()
-    extent = axis_of(grid, axis, Fraction(1)).extent[1]
+    single = axis_of(grid, axis, 2 * Fraction(grid.upper[axis] - grid.lower[axis]), layers)  # a cell that is too wide
+    extent = single.extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
         back, ahead = moved_bounds(problem, axis, j)
         moves |= {back, ahead}
-    measure = [common_measure(list(moves))]
-    widths = [aligned_width(extent, not grid.periodic[axis], measure, wish) for wish in wishes]
-    return [axis_of(grid, axis, width, layers) for width in widths]
+    measure = common_measure([*moves] if grid.periodic[axis] else [*moves, extent])
+    return [replace(single, width=aligned_width(extent, measure, wish)) for wish in wishes]

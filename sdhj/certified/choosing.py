@@ -46,7 +46,7 @@ import bisect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -116,6 +116,8 @@ ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
 WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
 
+Taken = Callable[[tuple[int, ...]], float]  # the seconds that a choice of cells takes, an index for each axis
+
 
 class Speeds(NamedTuple):
     """What is known of the velocities by `speeds_of`, at states drawn at random and under all inputs.
@@ -165,7 +167,12 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
-    best = partial(_best, problem, parts, seconds, speeds, cells)
+    @cache  # a few hundred choices are asked for again and again
+    def taken(places: tuple[int, ...]) -> float:
+        """The seconds that a solve with a choice of cells takes on two cores; infinite where memory is short."""
+        return _taken(problem, _picked(cells, places), parts, speeds)
+
+    best = partial(_best, problem, taken, seconds, cells)
     models = (without, unrounded), (rates, lost)
     tried = [_Asked(*some, by, {}) for some in models for by in (1.0, *SHORTER)]  # more must not prove less
     places, asked = best(tried, kept)
@@ -173,7 +180,7 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     places, _ = best([asked, *(asked._replace(given=given) for given in others)], kept)
     together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
     if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
-        places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
+        places = _by_axes_alone(problem, taken, seconds, speeds, cells, rates, lost) or places
     return tuple(_fitted(problem, axis, wishes[place]) for axis, place in enumerate(places))
 
 
@@ -188,9 +195,8 @@ class _Asked(NamedTuple):
 
 def _best(
     problem: ReachAvoidProblem,
-    parts: int,
+    taken: Taken,
     seconds: float,
-    speeds: Speeds,
     cells: Sequence[Sequence[CellAxis]],
     tried: Sequence[_Asked],
     kept: Callable[[list[int]], float],
@@ -199,14 +205,11 @@ def _best(
 
     Choices that are not paid for count only where none is.
 
-    parts, seconds, speeds, cells : as for `_spread`. tried : what it is asked for, at least one. kept : what a choice
-    of cells keeps.
+    taken, seconds, cells : as for `_spread`. tried : what it is asked for, at least one. kept : what a choice of cells
+    keeps.
     """
-    found = [
-        _spread(problem, parts, seconds * one.share, speeds, cells, one.rates, one.lost, one.given) for one in tried
-    ]
-    paid = [_is_paid(problem, _picked(cells, places), parts, seconds, speeds) for places in found]
-    best = max(range(len(found)), key=lambda n: (paid[n], kept(found[n])))
+    found = [_spread(problem, taken, seconds * one.share, cells, one.rates, one.lost, one.given) for one in tried]
+    best = max(range(len(found)), key=lambda n: (taken(tuple(found[n])) < seconds, kept(found[n])))
     return found[best], tried[best]
 
 
@@ -308,7 +311,7 @@ def _faces(problem: ReachAvoidProblem, axis: int) -> tuple[float, float] | None:
 
 def _by_axes_alone(
     problem: ReachAvoidProblem,
-    parts: int,
+    taken: Taken,
     seconds: float,
     speeds: Speeds,
     cells: Sequence[Sequence[CellAxis]],
@@ -322,8 +325,8 @@ def _by_axes_alone(
     times, since tubes of wide cells meet unsafe sets, and losses on the other axes `LEFT` times; both for each unit of
     what the boundaries of unsafe sets take of the states outside.
 
-    parts : into which an interval is cut. seconds : what the solve may take, on two cores. speeds : of the problem.
-    cells : for each axis its choices of cells, from few to many, equally many for all axes.
+    taken : the seconds that a choice of cells takes. seconds : what the solve may take, on two cores. speeds : of the
+    problem. cells : for each axis its choices of cells, from few to many, equally many for all axes.
     rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates; a row is
         not used where `axes_alone` has the axis.
     """
@@ -335,10 +338,10 @@ def _by_axes_alone(
     lost = lost * (m / np.maximum(rates[0], 1e-300))[:, None] * LEFT
     lost[alone] = TUBES * m[alone, None] * widths[alone]
     for given in _led_far(problem, cells, alone, rates[0], IMAGES * seconds):
-        places = _spread(problem, parts, seconds, speeds, cells, rates, lost, given)
-        axes = _picked(cells, places)
-        if sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
+        places = _spread(problem, taken, seconds, cells, rates, lost, given)
+        if taken(tuple(places)) > seconds:
             break
+        axes = _picked(cells, places)
         proved = proved_alone(problem, [axes[k] for k in alone], steps)
         kept = proved * math.exp(-lost[range(len(axes)), places].sum())
         best, most = (places, kept) if kept > most else (best, most)
@@ -385,9 +388,8 @@ def _led_far(
 
 def _spread(
     problem: ReachAvoidProblem,
-    parts: int,
+    taken: Taken,
     seconds: float,
-    speeds: Speeds,
     cells: Sequence[Sequence[CellAxis]],
     rates: FloatArray,
     lost: FloatArray,
@@ -399,7 +401,7 @@ def _spread(
     single cell as wide as the axis would lose; the factor, one for all axes, is found by bisection. Where even the
     smallest factor does not fit, its choices are returned all the same.
 
-    parts : into which an interval is cut. seconds : what the solve may take, on two cores. speeds : of the problem.
+    taken : the seconds that a choice of cells takes. seconds : what the solve may take, on two cores.
     cells : for each axis its choices of cells, from few to many, equally many for all axes.
     rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
     given : for the axes whose choice is made already, its index: {axis: index}.
@@ -424,15 +426,12 @@ def _spread(
 
     def fits(places: FloatArray) -> bool:
         """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
-        some = _picked(cells, places.tolist())
-        return lost[every, places].sum() > WORTH and _is_paid(problem, some, parts, seconds, speeds)
+        return lost[every, places].sum() > WORTH and taken(tuple(places.tolist())) < seconds
 
     least = 2 / (shares**SHARPNESS).max()
     for _ in every:
         most = limits.max()
         for _ in range(TRIALS):
-            if (chosen(least) == chosen(most)).all():  # so it is in between
-                break
             factor = math.sqrt(least * most)
             least, most = (factor, most) if fits(chosen(factor)) else (least, factor)
         leaps = counts[every, chosen(most)] / counts[every, chosen(least)]
@@ -442,10 +441,8 @@ def _spread(
     return list(chosen(least).tolist())
 
 
-def _is_paid(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, seconds: float, speeds: Speeds
-) -> bool:
-    """Whether a solve with cells `axes` takes no more than `MOST_BYTES` of memory and so many seconds on two cores.
+def _taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> float:
+    """The seconds that a solve with cells `axes` takes on two cores; infinite for `MOST_BYTES` of memory or more.
 
     parts : into which an interval is cut. speeds : of the problem.
     """
@@ -453,7 +450,7 @@ def _is_paid(
     steps = problem.steps or losing_steps(problem, speeds)
     entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
     large += BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
-    return large < MOST_BYTES and sum(cost(problem, axes, parts, speeds)) < CORES * seconds
+    return sum(cost(problem, axes, parts, speeds)) / CORES if large < MOST_BYTES else math.inf
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:

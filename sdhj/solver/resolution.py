@@ -25,6 +25,7 @@ from sdhj.problem.sets import TargetSet, UnsafeSet
 
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
 SOUGHT = 200_000  # values at most that a search computes
+MOST_NODES = 2_000_000  # at which a set is sampled to look for parts between nodes where no method asks the nodes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
 SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are asked
@@ -64,13 +65,14 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
     """Warn of what is wrong with sets and velocities, for methods that are not on the grid.
 
     That is of what `check_seams` finds, and of unsafe sets that no node is in at any time, or that hide between the
-    nodes. Methods on the grid call `check_resolution` instead, and see for themselves whether a node is ever in danger.
+    nodes, of which there must be at most `MOST_NODES`. Methods on the grid call `check_resolution` instead, and see for
+    themselves whether a node is ever in danger.
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
-        hidden = (
-            _kept_finding(problem, unsafe_set, t, _hidden_finding, ASKED) for t in _few_moments(problem, unsafe_set)
-        )
+        few = problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
+        times = _few_moments(problem, unsafe_set) if few else []
+        hidden = (_kept_finding(problem, unsafe_set, t, _hidden_finding, ASKED) for t in times)
         tell(next(filter(None, hidden), None) or _nowhere_finding(problem, unsafe_set))
 
 
@@ -225,6 +227,9 @@ def _turning_over_finding(problem: "ReachAvoidProblem", t: float) -> Finding | N
 def _nowhere_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
     """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
+    first, pieces = problem.span(0)[0], problem.grid.subgrid(unsafe_set.axes).pieces()
+    if any((unsafe_set.level_set(piece.points(), first) <= 0).any() for piece in pieces):  # mostly soon
+        return None
     if any((problem.unsafe_over(unsafe_set, *problem.span(step)) <= 0).any() for step in steps):
         return None
     return Finding(

@@ -33,9 +33,22 @@ def test_cells_partition_the_axis():
 def test_cells_are_aligned_where_the_numbers_allow():
     axes = sdhj.Certified(cells=(419, 419, 72, 72)).axes(sdhj.arm_case_study(nodes=5, steps=1))
     assert [axis.width for axis in axes] == [Fraction(3, 200)] * 2 + [Fraction(1, 100)] * 2
-    assert aligned_width(Fraction(1), True, [Fraction(1, 3)], 10) == Fraction(1, 9)
-    assert aligned_width(Fraction(1), True, [Fraction(1, 3000001)], 10) == Fraction(1, 10)  # no sensible measure
-    assert aligned_width(Fraction(1), True, [], 10) == Fraction(1, 10)
+    assert aligned_width(Fraction(1), Fraction(1, 3), 10) == Fraction(1, 9)
+    assert aligned_width(Fraction(1), Fraction(1, 3000001), 10) == Fraction(1, 10)  # no sensible measure
+    assert aligned_width(Fraction(1), Fraction(0), 10) == Fraction(1, 10)
+
+
+def test_a_period_that_may_be_a_little_more_than_one_is_cut_into_cells():
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([0.1 + 0.2], [1.3], [11], periodic=[True]),
+        sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.1]),
+        sdhj.TargetSet((0,), lambda p, t: np.cos(2 * np.pi * p[:, 0]) + 0.5),
+        [],
+        delta=0.1,
+        steps=3,
+    )
+    (axis,) = sdhj.Certified(cells=(10,)).axes(problem)
+    assert axis.extent[0] < 1 < axis.extent[1] and axis.count == 10
 
 
 @given(
