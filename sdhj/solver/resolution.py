@@ -65,15 +65,16 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
     """Warn of what is wrong with sets and velocities, for methods that are not on the grid.
 
     That is of what `check_seams` finds, and of unsafe sets that no node is in at any time, or that hide between the
-    nodes, of which there must be at most `MOST_NODES`. Methods on the grid call `check_resolution` instead, and see for
-    themselves whether a node is ever in danger.
+    nodes; between more than `MOST_NODES` only where no node is in the set. Methods on the grid call `check_resolution`
+    instead, and see for themselves whether a node is ever in danger.
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
-        few = problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
-        times = _few_moments(problem, unsafe_set) if few else []
+        nowhere = _nowhere_finding(problem, unsafe_set)
+        sought = nowhere or problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
+        times = _few_moments(problem, unsafe_set) if sought else []
         hidden = (_kept_finding(problem, unsafe_set, t, _hidden_finding, ASKED) for t in times)
-        tell(next(filter(None, hidden), None) or _nowhere_finding(problem, unsafe_set))
+        tell(next(filter(None, hidden), nowhere))
 
 
 def _few_moments(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> list[float]:
