@@ -2,7 +2,7 @@
 
 `NUMBA_NUM_THREADS=1 python figures/studies/cost_of_cells.py` solves some robots and prints for each part of the model
 (`sdhj.certified.choosing.costs`) the processor's seconds and those of the model. Where the constants of the model were
-measured, the sums of both were about the same. What other threads take is not counted. It takes two to four minutes.
+measured, the sums of both were about the same. It takes two to four minutes.
 """
 
 import time
