@@ -96,9 +96,10 @@ MOST_BYTES = 4_000_000_000  # without the blocks of the sets that are found
 BLOCK = 4  # bytes, for the number of a block of a set
 # that two are worth, where a solve takes 1.2 times as long as where this was written: of two processors one took 1.45
 CORES = 1.6 / 1.2
+BEGUN = 0.2  # seconds, to choose cells and for what else a solve begins and ends with
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
-AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 2e-4, 1e-8
+AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 4e-4, 1e-8
 # for a box of a set, an operation of the set and a box, and that of a box of words
 SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1.5e-9
 # for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
@@ -112,6 +113,7 @@ NEAR, ARRIVAL = 8e-9, 1.2e-7
 # once and where each is led by itself: of many most are done with at once, so the root of their number counts. Where
 # hardly anything is proved it takes a third of that
 ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
+KEPT = 2e-6  # for a cell that is led by itself, where sets shrink: it is asked about again whenever what it leads to has
 # for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
 WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
@@ -450,7 +452,7 @@ def _taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, s
     steps = problem.steps or losing_steps(problem, speeds)
     entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
     large += BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
-    return sum(cost(problem, axes, parts, speeds)) / CORES if large < MOST_BYTES else math.inf
+    return BEGUN + sum(cost(problem, axes, parts, speeds)) / CORES if large < MOST_BYTES else math.inf
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
@@ -821,7 +823,8 @@ def _cost_of_recursion(
     """Seconds of the recursion: in each entry every cell, and the rows of the image of each, or of each 64 in a word.
 
     axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. speeds : of the problem. Where nothing
-    depends on time, `CHANGING` entries count at most; for ever, as many as losses are added up over (`losing_steps`).
+    depends on time, `CHANGING` entries count at most; for ever, as many as losses are added up over (`losing_steps`),
+    and `KEPT` for each cell that is led by itself.
     """
     steps = problem.steps or losing_steps(problem, speeds)
     entries = float(min(steps, CHANGING)) if problem.time_invariant else steps * (steps + 1) / 2
@@ -830,6 +833,8 @@ def _cost_of_recursion(
         return entries * (WORD * size_in_words(axes) * len(problem.inputs) + IN_WORDS * cells)
     packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
     alone = depends[packed] or problem.grid.has("frees")
+    if alone and problem.steps is None:
+        return cells * KEPT
     widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
     image = np.minimum(2 + problem.delta * (speeds.widths + speeds.wider @ widths) / widths, counts)
     rows = math.sqrt(len(problem.inputs) * float(np.delete(image, packed).prod()))
