@@ -179,7 +179,7 @@ class OfInputs:
         """
         if self.constant:
             return self.always
-        kind, found = self.kind[inputs], np.moveaxis(np.empty((2, self.results, len(inputs))), 1, 2)
+        kind, found = self.kind[inputs], np.empty((2, self.results, len(inputs))).swapaxes(1, 2)
         kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
         for number in kinds:
             function, constants = self.kinds[number]

@@ -379,7 +379,7 @@ class Formula:
         low, high : the boxes, (M, coordinates). parameters : for each a pair of its least and greatest value, numbers
             or arrays (M,). sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts.
         """
-        out = np.moveaxis(np.empty((2, len(self.results), len(low))), 1, 2)
+        out = np.empty((2, len(self.results), len(low))).swapaxes(1, 2)
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)

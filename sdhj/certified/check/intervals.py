@@ -38,8 +38,10 @@ def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.
 
 def sure(low: Array, high: Array) -> Interval:
     """[low, high], with NaN at both ends where one of the ends is not finite."""
+    if math.isfinite((low - high).sum()):  # so all ends are
+        return low, high
     known = np.isfinite(low) & np.isfinite(high)  # check 6.24
-    return (low, high) if known.all() else (np.where(known, low, np.nan), np.where(known, high, np.nan))
+    return np.where(known, low, np.nan), np.where(known, high, np.nan)
 
 
 def unless(undefined: Array, low: Array, high: Array) -> Interval:

@@ -179,7 +179,7 @@ class Lattice:
         """
         past = np.minimum(first + side, self.shape)  # check 4.54
         ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
-        low, high = np.moveaxis(np.array(ends), 1, 2)
+        low, high = np.array(ends).swapaxes(1, 2)
         return np.stack([low - self.wider[0], high + self.wider[1]])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:

@@ -88,7 +88,7 @@ def column_major(boxes: Array) -> Array:
 
     Results have the layout of their operands; what is one number for all boxes is then applied to long rows.
     """
-    return np.moveaxis(np.ascontiguousarray(np.moveaxis(boxes, 2, 1)), 1, 2)
+    return np.ascontiguousarray(boxes.swapaxes(1, 2)).swapaxes(1, 2)
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
@@ -140,6 +140,7 @@ class Robot(Sets):
     delta, delay, jitter, length : the interval, what `Sensing` says, and the longest interval, delta + 2 jitter, s.
     near (ndim,) : how far off a cell a state counts as in it.
     room (ndim,) : how far past an unsafe end a tube counts as at it.
+    clips (2, ndim) : the ends of the grid along bounded axes, infinite along periodic ones.
     target, unsafe : a `Part` or None, and a list of `Part`.
     trusted : the names of functions of which the check believes what their author states.
     """
@@ -171,6 +172,8 @@ class Robot(Sets):
         self.length = self.delta + 2 * self.jitter  # of an interval, at most  # check 3.14
         self.always = 0.0, self.time(self.steps) + self.jitter
         self.has_no_target, self.periodic = self.target is None, self.grid.periodic
+        whole = np.array([self.grid.lower, self.grid.upper])
+        self.clips = np.where(self.periodic, np.array([[-np.inf], [np.inf]]), whole)
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
@@ -310,7 +313,7 @@ class Robot(Sets):
         wider : (ndim,), or a number.
         """
         beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
-        return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
+        return np.array(beside).swapaxes(1, 2) + OUTWARD * wider
 
     def cells(self, numbers: Array) -> Array:
         """The cells, indices (M, ndim), with flat numbers (M,), the last axis fastest."""
@@ -348,12 +351,12 @@ class Robot(Sets):
             that each belongs to (`Bounds`).
         """
         box, grid, count, halves = box.copy(order="K"), self.grid, box.shape[1], list[tuple[Array, int]]()
-        of = np.arange(count)
-        for column, axis in enumerate(axes):
-            least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
+        of, columns = np.arange(count), list(axes)
+        np.clip(box, self.clips[0, columns], self.clips[1, columns], out=box)
+        for column, axis in enumerate(columns):
             if not self.periodic[axis]:
-                np.clip(box[:, :, column], least, most, out=box[:, :, column])
                 continue
+            least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
             full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)  # check 4.43
             a[:], b[:] = np.where(full, least, np.maximum(a - turns, least)), np.where(full, most, b - turns)
             if (over := np.flatnonzero(b > most)).size:
@@ -651,7 +654,7 @@ class Robot(Sets):
                     ~self.outside(unsafe_set, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)
                 ]
             for piece, times in enumerate(pairwise(self.cuts(step))):
-                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near  # check 4.33
+                box = ends[:, left] + swept[at[left], piece].swapaxes(0, 1) + OUTWARD * 2 * self.near  # check 4.33
                 when = times[0] - self.jitter, times[1] + self.jitter  # check 4.40
                 good = self.outside(unsafe_set, box[..., own], self.always if not unsafe_set.moving else when, depth)
                 good |= ~there[left, piece]

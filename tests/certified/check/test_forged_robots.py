@@ -189,7 +189,7 @@ MUTATIONS = {
     "sets of all inputs": ("4.50 false 2", "the second post"),
     "a set is closed": ("4.31 weaken 2", "a set that is closed"),
     "states near a tube": ("4.32 drop 16", "a set nearer than rounding"),
-    "states near a part of a tube": ("4.33 drop 21", "a moving set nearer than rounding"),
+    "states near a part of a tube": ("4.33 drop 20", "a moving set nearer than rounding"),
     "looked up in its own part": ("4.52 put 8 0", "a post beside an uncertain clock"),
     "looked up in all parts": ("4.77 drop", "a post beside an uncertain clock"),
     "a clock that is off, looked up": ("4.58 put 3 {15}", "a post beside an uncertain clock"),
