@@ -853,8 +853,8 @@ class Robot(Sets):
         """
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         row = min(within, len(self.index) - 1) if self.time_invariant else row
-        blocks = self.pool.view(np.uint8)[:, : -(-int(self.counts[-1]) // 8)]
-        return np.ascontiguousarray(blocks)[self.index[row]]
+        blocks = self.pool[self.index[row]].view(np.uint8)
+        return np.ascontiguousarray(blocks[:, : -(-int(self.counts[-1]) // 8)])
 
     def said_to_arrive(self, group: range, step: int, some: Array) -> Array:
         """Which of a group of inputs the file says to lead into the target itself in a step's interval: pairs (m,).
