@@ -113,7 +113,7 @@ NEAR, ARRIVAL = 8e-9, 1.2e-7
 # once and where each is led by itself: of many most are done with at once, so the root of their number counts. Where
 # hardly anything is proved it takes a third of that
 ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
-KEPT = 2e-6  # for a cell that is led by itself, where sets shrink: it is asked about again whenever what it leads to has
+KEPT = 2e-6  # for a cell that is led by itself, all entries together, where sets shrink until they are kept for ever
 # for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
 WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
