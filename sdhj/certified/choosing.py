@@ -96,7 +96,6 @@ MOST_BYTES = 4_000_000_000  # without the blocks of the sets that are found
 BLOCK = 4  # bytes, for the number of a block of a set
 # that two are worth, where a solve takes 1.2 times as long as where this was written: of two processors one took 1.45
 CORES = 1.6 / 1.2
-BEGUN = 0.2  # seconds, to choose cells and for what else a solve begins and ends with
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
 AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 4e-4, 1e-8
@@ -452,7 +451,7 @@ def _taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, s
     steps = problem.steps or losing_steps(problem, speeds)
     entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
     large += BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
-    return BEGUN + sum(cost(problem, axes, parts, speeds)) / CORES if large < MOST_BYTES else math.inf
+    return sum(cost(problem, axes, parts, speeds)) / CORES if large < MOST_BYTES else math.inf
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
