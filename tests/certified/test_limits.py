@@ -8,6 +8,8 @@ from robots import car
 
 import sdhj
 from sdhj.certified.explaining import BEYOND, what_limits
+from sdhj.certified.limits import Limits
+from sdhj.certified.table import CellSets
 
 SLOW, PUSH = 0.4, 0.2371  # m in an interval
 COMPASS = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
@@ -195,6 +197,14 @@ def test_nothing_is_paid_where_nothing_is_said(solves_are_played):
     table = sdhj.solve(line(), sdhj.Certified(cells=[200]), progress=False)
     assert "limits" not in vars(table) and "findings" not in table.details
     assert table.explain([0.5]).failures and "limits" in vars(table)
+
+
+def test_of_many_cells_there_are_only_so_many_nodes(monkeypatch):
+    table, nodes = solved(plane(), 1000, 1000), []
+    for most in (1_000_000, 6000):
+        monkeypatch.setattr("sdhj.certified.limits.MOST_NODES", most)
+        nodes.append(Limits(table, CellSets).grid.problem.grid.size)
+    assert nodes == [101 * 101, 78 * 78]
 
 
 def test_where_there_are_no_copies(monkeypatch):
