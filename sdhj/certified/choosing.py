@@ -643,7 +643,13 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     """The `Speeds` of a problem: bounds on the velocity at `SPEED_STATES` random states and in small boxes there.
 
     At the first time; the states are drawn with a fixed seed. Entries are not finite where a velocity is undefined.
+    Remembered by the problem.
     """
+    return problem.remembered("speeds", lambda: read_only(_speeds_of(problem)))
+
+
+def _speeds_of(problem: ReachAvoidProblem) -> Speeds:
+    """The `Speeds` of a problem, found anew."""
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
