@@ -174,6 +174,20 @@ def exact_lookup(table, lower, spacing, point):
     return value
 
 
+@pytest.mark.parametrize("ends", [(-np.inf, 1.0), (0.0, np.inf), (-np.inf, np.inf), (np.inf, np.inf), (np.nan, 1.0)])
+@pytest.mark.parametrize("large", [1.0, 1.7e308])
+def test_an_end_that_is_not_finite_makes_both_unknown(ends, large):
+    """In its box alone; boxes so large that no sum of their widths is finite stay as they are."""
+    low, high = np.array([-large, ends[0], -large]), np.array([large, ends[1], large])
+    with np.errstate(all="ignore"):
+        found = sure(low, high)
+    assert np.isnan([end[1] for end in found]).all()
+    np.testing.assert_array_equal([end[[0, 2]] for end in found], [[-large] * 2, [large] * 2])
+    with np.errstate(all="ignore"):
+        kept = sure(low[[0, 2]], high[[0, 2]])
+    np.testing.assert_array_equal(kept, [[-large] * 2, [large] * 2])
+
+
 @pytest.mark.parametrize("exact", [4, 256])
 @pytest.mark.parametrize("shape", [(9,), (7, 12), (2, 5, 4), (2, 3, 2, 2)])
 def test_tables_are_interpolated(shape, exact, rng, monkeypatch):
