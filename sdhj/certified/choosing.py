@@ -99,8 +99,8 @@ CORES = 1.6 / 1.2
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
 AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 4e-4, 1e-8
-# for a box of a set, an operation of the set and a box, and that of a box of words
-SUMMED, BOXED, BOXED_IN_WORDS = 1e-8, 4e-10, 1.5e-9
+# for a box of a set, an operation of the set and a box, and that of a box of words, and of one near the set's boundary
+SUMMED, BOXED, BOXED_IN_WORDS, BOXED_BESIDE = 1e-8, 4e-10, 7e-10, 1e-8
 # for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
 # where no cache holds the sums, of about `IN_CACHE` boxes, and a cell is `BESIDE` boxes wide, so none is near the next
 CELL, LINE_OF_CELLS, CORNER, FAR_CORNER = 1.4e-8, 4e-8, 1.9e-9, 6.5e-9
@@ -113,8 +113,8 @@ NEAR, ARRIVAL = 8e-9, 1.2e-7
 # hardly anything is proved it takes a third of that
 ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
 KEPT = 2e-6  # for a cell that is led by itself, all entries together, where sets shrink until they are kept for ever
-# for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
-WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
+# for an input and 64 cells where these are looked at together, in an entry of the recursion, for a cell and an input's bit
+WORD, IN_WORDS, BIT = 3e-9, 2e-8, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
 
 Taken = Callable[[tuple[int, ...]], float]  # the seconds that a choice of cells takes, an index for each axis
@@ -788,11 +788,10 @@ def _cost_in_words(
     own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
     boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
     bits = BIT * cells * count * (times if unsafe_set.moving else starts)
-    return (
-        BOXED_IN_WORDS * boxes * _operations(unsafe_set.level_set)
-        + WORD * size_in_words(axes) * count * parts * starts
-        + bits
-    )
+    # blocks of boxes are bounded first, and what is in them where they hold a part of the boundary
+    beside = min(float(_border(problem, unsafe_set).crossings @ [float(axis.width) for axis in own]), 1.0)
+    each = (BOXED_IN_WORDS + BOXED_BESIDE * beside) * _operations(unsafe_set.level_set)
+    return each * boxes + WORD * size_in_words(axes) * count * parts * starts + bits
 
 
 def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray) -> float:
@@ -835,7 +834,7 @@ def _cost_of_recursion(
     entries = float(min(steps, CHANGING)) if problem.time_invariant else steps * (steps + 1) / 2
     cells = math.prod(axis.count for axis in axes)
     if goes_along(problem, depends, range(len(axes))):
-        return entries * (WORD * size_in_words(axes) * len(problem.inputs) + IN_WORDS * cells)
+        return entries * IN_WORDS * size_in_words(axes) * len(problem.inputs)
     packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
     alone = depends[packed] or problem.grid.has("frees")
     if alone and problem.steps is None:

@@ -39,6 +39,7 @@ from sdhj.kernels.stencils import (
     Boxes,
     Placed,
     add_marked,
+    add_up,
     certified_inputs,
     inputs_in_lines,
     mark_collisions,
@@ -89,15 +90,16 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
-    sums, some = [], [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
-    for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
+    some = [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
+    some += [np.any(some, axis=0)] if len(some) > 1 else []  # obligation 4.25
+    laps = sizes * np.where(own.periodic, 2, 1)
+    sums = np.zeros((len(some), *(laps + 1)), np.int32)
+    for counted, meets in zip(sums, some, strict=True):
         for k in np.flatnonzero(own.periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)  # obligation 4.5
-        counted = np.pad(meets, [(1, 0)] * sizes.size).astype(np.int32)
-        for k in range(sizes.size):
-            np.cumsum(counted, axis=k, out=counted)
-        sums.append(counted.ravel())
-    laps = sizes * np.where(own.periodic, 2, 1)
+        counted[(slice(1, None),) * sizes.size] = meets
+        for k, n in enumerate(counted.shape):
+            add_up(counted.reshape(-1), n, math.prod(counted.shape[k + 1 :]))
     return Boxes(
         np.array(unsafe_set.axes),
         laps,
@@ -106,7 +108,7 @@ def lattice_of(
         own.length,
         own.periodic,
         sway + NARROW * scale,
-        np.stack(sums),
+        sums.reshape(len(sums), -1),
     )
 
 

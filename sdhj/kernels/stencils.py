@@ -404,8 +404,20 @@ def boxes_along(low, high, k, lattice):
     return first, max(last, first + 1)
 
 
+@kernel()
+def add_up(flat, n, stride):
+    """Add to each entry of `flat` (M,), in place, all entries before it along an axis.
+
+    n : the number of entries along this axis of the array that is flat here, an entry and the next `stride` apart.
+    """
+    for begin in range(0, flat.size, n * stride):
+        for at in range(begin + stride, begin + n * stride):
+            flat[at] += flat[at - stride]
+
+
 CHUNKS = 64  # that cells are looked at in, each with scratch memory
 SEGMENT = 16  # cells of a line that are looked up together first
+TOGETHER = 16  # places whose cells are looked at line by line: they are mostly next to each other in memory
 
 
 class Placed(NamedTuple):
@@ -463,9 +475,11 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout):
     """
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
     for chunk in prange(CHUNKS):
-        cell, known, at = np.empty(layout.counts.size, np.int64), np.full(spans, -1), np.empty((2, d), np.int64)
-        along, hulls = np.empty((spans, 2, length), np.int64), np.empty((spans, 2, length // SEGMENT + 1), np.int64)
-        scratch = cell, known, along, hulls, np.empty((2, 1 << d - 1), np.int64), at, np.empty((2, length), np.int64)
+        cell, known = np.empty(layout.counts.size, np.int64), np.full((TOGETHER, spans), -1)
+        along = np.empty((TOGETHER, spans, 2, length), np.int64)
+        hulls = np.empty((TOGETHER, spans, 2, length // SEGMENT + 1), np.int64)
+        corner, at = np.empty((2, 1 << d - 1), np.int64), np.empty((2, d), np.int64)
+        scratch = cell, known, along, hulls, corner, at, np.empty((2, length), np.int64)
         mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), scratch)
 
 
@@ -474,28 +488,32 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
     """Do what `mark_collisions` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
 
     Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
-    up in each part.
+    up in each part. A line of one place after that of another, of `TOGETHER` places, so that memory is read once.
 
     scratch : the arrays that `mark_collisions` makes for a chunk, overwritten; the second one, `known`, is -1 at first.
     """
     (cell, known, along, hulls, corner, at, (left, met)), lines, sums = scratch, layout.offset.size, lattice.sums
     total = (places[1] - places[0]) * lines
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
-        place = i // lines
-        first, tube = layout.begin[places[0] + place] + layout.offset[i % lines], tubes[place]
+        # of places in groups, the last of which may be smaller: of each group one line after the other
+        group = i // (lines * TOGETHER) * TOGETHER
+        size = min(TOGETHER, places[1] - places[0] - group)
+        line, own = (i - group * lines) // size, (i - group * lines) % size
+        place = group + own
+        first, tube = layout.begin[places[0] + place] + layout.offset[line], tubes[place]
         cell_of(first, layout.counts, cell)
         begin, more = cell[layout.axis], 0
         for n in range(left.size):
             left[n] = parts_inside(cell, tube, layout) if clear[first + n * layout.stride] & bit else 0
             cell[layout.axis] += 1
             more += left[n]
-        for span in range(known.size if more > 0 else 0):
-            if known[span] != place:
-                boxes_of_a_line(begin, span, tube, lattice, layout, (along[span], hulls[span]))
-                known[span] = place
+        for span in range(known.shape[1] if more > 0 else 0):
+            if known[own, span] != place:
+                boxes_of_a_line(begin, span, tube, lattice, layout, (along[own, span], hulls[own, span]))
+                known[own, span] = place
             corners_of_a_line(cell, span, tube, lattice, layout, (corner, at))
             # obligation 4.24
-            count_in_a_line(sums[(span - 1) % len(sums)], corner, along[span], hulls[span], left, met)
+            count_in_a_line(sums[(span - 1) % len(sums)], corner, along[own, span], hulls[own, span], left, met)
             more = 0
             for n in range(left.size):
                 if span > 0 and span <= left[n] and met[n] > 0:

@@ -85,6 +85,7 @@ def add_predecessors(missing, clear, inputs, wanted, led, count):
     for row in prange(rows):
         for word in range(words):
             some = ~missing[row, word] & wanted[row, word] & ~led[row, word]  # obligation 3.29
+            some &= bits_between(word, 0, count)  # what is behind the last cell would be looked at for nothing
             for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
                 if (some >> np.uint64(bit & 63)) & BIT == 0:  # obligation 3.30
                     continue

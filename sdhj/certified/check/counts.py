@@ -3,6 +3,7 @@
 What is counted is the cells of a set (`Robot.leads`), or the boxes of a lattice that may meet one (`lattice`).
 """
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -25,10 +26,19 @@ def sums(inside: Array, periodic: Array) -> Array:
     """
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
-    out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
-    for each in range(out.ndim):
-        np.cumsum(out, axis=each, out=out)
+    out = np.zeros([n + 1 for n in inside.shape], np.int32)
+    out[(slice(1, None),) * inside.ndim] = inside
+    for each, n in enumerate(out.shape):
+        add_up(out.reshape(-1), n, math.prod(out.shape[each + 1 :]))
     return out
+
+
+@compiled()
+def add_up(flat, n, stride):
+    """Add to each entry of a flat array those before it along one axis, of n entries `stride` apart; in place."""
+    for begin in range(0, flat.size, n * stride):
+        for at in range(begin + stride, begin + n * stride):
+            flat[at] += flat[at - stride]
 
 
 @lru_cache(maxsize=64)

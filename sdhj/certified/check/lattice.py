@@ -31,7 +31,8 @@ AT_ONCE = 1 << 14  # boxes, or tubes
 OPEN, OUTSIDE, MET = range(3)
 OUTWARD = np.array([-1.0, 1.0])[:, None]
 
-Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to where it holds, and where it nowhere does
+# of boxes (2, M, axes), and at which of several times (M,) each, to where it holds, and where it nowhere does
+Holds = Callable[[Array, Array], tuple[Array, Array]]
 
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
@@ -123,50 +124,49 @@ class Lattice:
         out = []
         for at in range(0, int(self.shape[0]), many):
             some = None if asked is None else unpacked(asked[at : at + many], n)
-            out.append(packed(self.met(every, at, at + many, some)))
+            out.append(packed(self.met(every, 1, at, at + many, some)[0]))
         return np.concatenate(out)
 
-    def counted(self, every: Sequence[Sequence[Holds]]) -> list[Array]:
+    def counted(self, every: Sequence[Holds], times: int) -> list[Array]:
         """How many boxes that may meet a set lie below each corner of boxes: of int32 arrays as `sums` returns them.
 
         One for each interval of time; where there are several, one more, of the boxes that may meet it in any of them.
 
-        every : for each interval, and each function of which the set's is the least, a `Holds`: whether it is > 0 all
-            over boxes, and whether it is <= 0.
+        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+            whether it is <= 0. times : how many intervals there are.
         """
-        out, ever = list[Array](), np.zeros(self.shape, np.bool_)
-        for one in every:
-            met = self.met(one, 0, int(self.shape[0]))
-            out.append(sums(met, self.periodic))
-            ever |= met  # check 4.77
-        return out if len(every) == 1 else [*out, sums(ever, self.periodic)]
+        met = self.met(every, times, 0, int(self.shape[0]))
+        ever = [met.any(axis=0)] if times > 1 else []  # check 4.77
+        return [sums(own, self.periodic) for own in [*met, *ever]]
 
-    def met(self, every: Sequence[Holds], begin: int, end: int, asked: Array | None = None) -> Array:
-        """Which boxes may meet a set, of those from `begin` to `end` - 1 along the first axis: bool, of these boxes.
+    def met(self, every: Sequence[Holds], times: int, begin: int, end: int, asked: Array | None = None) -> Array:
+        """Which boxes may meet a set, of those from `begin` to `end` - 1 along the first axis: (times, *boxes) bool.
 
         Blocks of many boxes are bounded first, single ones where that leaves it open. False is proved: all functions
         of `every` are above 0 all over the box.
 
         every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
-            whether it is <= 0.
-        end : may be past the last box. asked : bool, of the shape of the result, which boxes are asked about, None:
-            all; others count as met.
+            whether it is <= 0. times : how many intervals of time there are, for each of which boxes are told.
+        end : may be past the last box. asked : bool, of these boxes, which are asked about, None: all; others count
+            as met.
         """
         some, start = self.shape.copy(), 0 * self.shape
         some[0], start[0] = min(end, int(self.shape[0])) - begin, begin
-        met = np.zeros(some, np.bool_) if asked is None else ~asked
+        met = np.zeros((times, *some), np.bool_)
+        met |= False if asked is None else ~asked
         for holds in every:
-            blocks, larger = np.full(-(-some // BLOCKS[0]), OPEN, np.int8), BLOCKS[0]
+            blocks, larger = np.full((times, *-(-some // BLOCKS[0])), OPEN, np.int8), BLOCKS[0]
             for side in BLOCKS:
-                for axis, n in enumerate(shape := (-(-some // side)).tolist()):
-                    blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
+                for axis, n in enumerate(shape := (times, *(-(-some // side)).tolist())):
+                    if axis:
+                        blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
                 larger, known = side, np.ascontiguousarray(blocks).ravel()
                 known[all_of(met, side).ravel()] = MET
                 left = np.flatnonzero(known == OPEN)
                 for at in range(0, left.size, AT_ONCE):
                     own = left[at : at + AT_ONCE]
-                    first = start + np.stack(np.unravel_index(own, shape), axis=1) * side
-                    outside, inside = holds(self.boxes(first, side))
+                    time, *first = np.unravel_index(own, shape)
+                    outside, inside = holds(self.boxes(start + np.stack(first, axis=1) * side, side), time)
                     known[own] = np.where(outside, OUTSIDE, np.where(inside, MET, OPEN))
                 blocks = known.reshape(shape)
             met |= blocks != OUTSIDE  # check 4.53
@@ -212,7 +212,10 @@ class Lattice:
 
 
 def all_of(flags: Array, side: int) -> Array:
-    """Whether all flags in blocks of `side` along each axis are set: bool, ceil(n / side) along each. flags : bool."""
-    for axis, n in enumerate(flags.shape if side > 1 else ()):
-        flags = np.logical_and.reduceat(flags, np.arange(0, n, side), axis)
+    """Whether all flags in blocks of `side` along each axis but the first are set: bool, ceil(n / side) along each.
+
+    flags : bool.
+    """
+    for axis in range(1, flags.ndim if side > 1 else 0):
+        flags = np.logical_and.reduceat(flags, np.arange(0, flags.shape[axis], side), axis)
     return flags

@@ -19,7 +19,7 @@ state of a box is refused. Nothing that the file itself states of bounds is beli
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property, partial
 from itertools import pairwise, product
@@ -321,14 +321,21 @@ class Robot(Sets):
 
     # ---- functions over boxes (2, M, axes), and times
 
-    def value(self, part: Part, one: Formula | BlackBox, box: Array, times: Times) -> tuple[Array, Array]:
+    def value(self, part: Part, one: Formula | BlackBox, box: Array, times: Any) -> tuple[Array, Array]:
         """Bounds of one function of a set over boxes (2, M, axes) and times, s to s: both (M,), infinite where unknown.
 
         one : one of `part.least_of`, or `part.function`. If it is a black box, the set's name is added to `trusted`.
+        times : from and to, numbers, or arrays (M,); a black box takes numbers only.
         """
         if isinstance(one, BlackBox):
             self.trusted.add(part.name)  # check 1.15
-        least, most = self.cut(part.axes, box, lambda low, high, _: one.bounds(low, high, times))
+
+        def bounds(low: Array, high: Array, of: Array) -> tuple[Array, Array]:
+            """Of parts of boxes, whose times are those of the boxes."""
+            own = tuple(time[of] if np.ndim(time) else time for time in times)
+            return one.bounds(low, high, own)
+
+        least, most = self.cut(part.axes, box, bounds)
         return least[:, 0], most[:, 0]
 
     def velocity(self, j: Any, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
@@ -603,13 +610,26 @@ class Robot(Sets):
             out[left] = everywhere(partial(self.above, part, one, times), box[:, left], every, depth)
         return out
 
-    def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
+    def above(self, part: Part, one: Formula | BlackBox, times: Any, box: Array) -> tuple[Array, Array]:
         """Where a function of a set is proved > 0 all over boxes (2, M, axes), and where <= 0: both (M,) bool.
 
-        At all `times`, s to s. part : the set, on whose axes the boxes are. one : one of `part.least_of`.
+        At all `times`, s to s, as `value` takes them. part : the set, on whose axes the boxes are. one : one of
+        `part.least_of`.
         """
         least, most = self.value(part, one, box, times)
         return least > 0, most <= 0  # check 4.31
+
+    def above_at(
+        self, part: Part, one: Formula | BlackBox, times: Sequence[Times], box: Array, at: Array
+    ) -> tuple[Array, Array]:
+        """What `above` says of boxes (2, M, axes), each at its own of several times: at (M,) says at which."""
+        if isinstance(one, Formula):
+            return self.above(part, one, np.array(times)[at].T, box)  # check 4.79
+        found = np.zeros((2, len(at)), np.bool_)
+        for number in np.unique(at):
+            own = np.flatnonzero(at == number)
+            found[:, own] = self.above(part, one, times[number], box[:, own])  # check 4.80
+        return found[0], found[1]
 
     def inside(self, part: Part, box: Array, times: Times) -> Array:
         """Whether boxes (2, M, axes) are proved to be inside a set at all `times`, s to s: (M,) bool.
@@ -685,8 +705,8 @@ class Robot(Sets):
         if key not in self.boxes_met:
             times = list(pairwise(self.cuts(step))) if part.moving else [self.always]
             when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.58
-            signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
-            self.boxes_met[key] = self.lattice_of(number).counted(signs)
+            signs = [partial(self.above_at, part, one, when) for one in part.least_of]
+            self.boxes_met[key] = self.lattice_of(number).counted(signs, len(when))
         return self.boxes_met[key]
 
     def pieces(self, part: Part) -> int:

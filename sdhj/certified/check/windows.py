@@ -290,7 +290,7 @@ class AtOnce:
         outermost = np.stack([low.min(axis=0), high.max(axis=0)])
         boxes = Lattice(edges, pieces, robot.periodic[own], robot.near[own], robot.sway[own], alike, outermost)
         when = [(a - robot.jitter, b + robot.jitter) if part.moving else (a, b) for a, b in times]  # check 4.72
-        return boxes, [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
+        return boxes, [[partial(robot.above_at, part, one, [each]) for one in part.least_of] for each in when]
 
     def windows(self, lattice: Lattice, k: int, tubes: Array, axis: int) -> Windows:
         """The boxes along an axis that tubes overlap from each cell of it, as `Windows`.

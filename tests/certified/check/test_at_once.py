@@ -118,7 +118,7 @@ def test_boxes_hold_all_of_tubes_that_are_alike(rng):
     first, last = own.overlapped(0, *(np.tile(end, (3, 1)) for end in (edges[0][:-1], edges[0][1:])))
     assert (first == np.arange(5)).all() and (last == first).all()
 
-    def half(box):
+    def half(box, at=None):
         """A set below .55 along the first axis and above 0 along the second."""
         outside = (box[0, :, 0] > 0.55) | (box[1, :, 1] < 0.0)
         return outside, (box[1, :, 0] <= 0.55) & (box[0, :, 1] >= 0.0)

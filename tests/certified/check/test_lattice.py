@@ -73,12 +73,18 @@ def test_boxes_that_may_meet_a_set_are_counted(rng):
         far = np.maximum(np.abs(box[0] - centre), np.abs(box[1] - centre))
         return np.hypot(*gap.T) > radius, np.hypot(*far.T) <= radius
 
-    functions = [lambda box, one=one: sign(*one, box) for one in zip(centres, radii, strict=True)]
-    (counts,) = own.counted([functions])
+    functions = [lambda box, at, one=one: sign(*one, box) for one in zip(centres, radii, strict=True)]
+    (counts,) = own.counted(functions, 1)
     every = np.stack(np.unravel_index(np.arange(own.shape.prod()), own.shape), axis=1)
-    met = ~np.all([one(own.boxes(every, 1))[0] for one in functions], axis=0).reshape(own.shape)
+    met = ~np.all([one(own.boxes(every, 1), None)[0] for one in functions], axis=0).reshape(own.shape)
     assert 0.01 < met.mean() < 0.5 and np.array_equal(np.diff(np.diff(counts, axis=0), axis=1)[: own.shape[0]], met)
-    one, other, ever = own.counted([functions[:1], functions[1:]])
+
+    def moving(box, at):
+        """The first disk at the first time, and the second at the second."""
+        ends = np.array([one(box, at) for one in functions])
+        return tuple(ends[at, :, np.arange(len(at))].T)
+
+    one, other, ever = own.counted([moving], 2)
     assert np.array_equal(ever, counts) and not np.array_equal(one, ever) and not np.array_equal(other, ever)
     ends = [own.overlapped(axis, *tubes(rng, own.edges[axis])) for axis in range(2)]
     spans, every = spans_of([(first[:, None], last[:, None]) for first, last in ends]), np.arange(400)
