@@ -769,7 +769,7 @@ FORGERIES: dict[str, Forgery] = {
     # black boxes
     "a slope of 0": Forgery("hidden", "must hold at 0 s", beside=lambda: hidden(slope=0.0)),
     "a black box that comes meanwhile": Forgery(
-        "hidden and moving", CLEAR, clears(1, 68), beside=lambda: hidden(pace=0.5, rate=0.5)
+        "hidden and moving", CLEAR, clears(2, 61), beside=lambda: hidden(pace=0.5, rate=0.5)
     ),
     "a rate of 0": Forgery("hidden", "must hold at", beside=lambda: hidden(pace=0.5)),
     "an enclosure that ends below": Forgery(

@@ -623,6 +623,10 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
     """Do what `mark_exits` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
 
+    A line is looked at from its first cell on until one stays, and from its last cell back: cells between two that stay
+    do so, too. For all cells of a line move alike, and the nearer a cell is to a safe end, where there is one, the
+    sooner it is out.
+
     scratch : a cell (ndim,) int64, and how far a cell's ends get (2, ndim), overwritten.
     """
     (cell, far), lines, along = scratch, layout.offset.size, layout.axis
@@ -631,8 +635,8 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch
         place = places[0] + i // lines
         first, tube = layout.begin[place] + layout.offset[i % lines], tubes[place - places[0]]
         cell_of(first, layout.counts, cell)
-        begin = cell[along]
-        for n in range(layout.length):
+        begin, n, step = cell[along], 0, 1
+        while 0 <= n < layout.length:
             cell[along] = begin + n
             parts = parts_inside(cell, tube, layout)
             new = known != (place, parts)
@@ -646,6 +650,11 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch
                 left = past_a_face(cell, far, faces, layout.edges, along, True)
             if left or past_a_face(cell, far, faces, layout.edges, along, False):
                 clear[first + n * layout.stride] &= ~bit
+            elif step < 0 or n == layout.length - 1:
+                break
+            else:
+                n, step = layout.length, -1  # obligation 4.59
+            n += step
 
 
 @kernel(inline="always")

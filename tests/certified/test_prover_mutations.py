@@ -93,6 +93,7 @@ FALSE = {
     "out by a lower end": ("4.27 put 16 -1000000000.0", "line", CLEAR),
     "out on another axis than a line's": ("4.28 copy 1 2", "plane", CLEAR),
     "out by an upper end": ("4.29 number 18 1000000000.0", "line", CLEAR),
+    "from the last cell back": ("4.59 number 7 1", "line", CLEAR),
     "wholly past an upper end": ("4.30 put 12 3 * {12}", "rock at the upper end", CLEAR),
     "wholly past a lower end": ("4.30 put 36 3 * {36}", "rock at the lower end", CLEAR),
     "every function of a set": ("4.48 put 2 {2}[:1]", "two posts in one", CLEAR),

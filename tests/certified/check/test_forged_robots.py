@@ -192,7 +192,7 @@ MUTATIONS = {
     "states near a part of a tube": ("4.33 drop 20", "a moving set nearer than rounding"),
     "looked up in its own part": ("4.52 put 8 0", "a post beside an uncertain clock"),
     "looked up in all parts": ("4.77 put 7 {9}[:0].any(axis=0)", "a post beside an uncertain clock"),
-    "boxes at their own time": ("4.79 put 12 0 * {12}", "a post that comes meanwhile"),
+    "boxes at their own time": ("4.79 put 12 0 * {12}", "a post beside an uncertain clock"),
     "a black box at its own time": ("4.80 put 13 0", "a black box that comes meanwhile"),
     "a clock that is off, looked up": ("4.58 put 3 {15}", "a post beside an uncertain clock"),
     "all of a tube, looked up": ("4.59 put 6 {9}[:, 0, 0]; put 15 {9}[:, 0, 1]", "a rock at the end of the way"),
