@@ -98,7 +98,7 @@ BLOCK = 4  # bytes, for the number of a block of a set
 CORES = 1.6 / 1.2
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell and an input at unsafe ends
-AXIS, OPERATION, PIECE, AT_ENDS = 1.2e-7, 1.5e-8, 4e-4, 1e-8
+AXIS, OPERATION, PIECE, AT_ENDS = 1.5e-7, 1.5e-8, 4e-4, 1e-8
 # for a box of a set, an operation of the set and a box, and that of a box of words, and of one near the set's boundary
 SUMMED, BOXED, BOXED_IN_WORDS, BOXED_BESIDE = 1e-8, 4e-10, 7e-10, 1e-8
 # for a cell, an input and a set; for a line of such cells and a part; for a corner of a tube, and what it takes more
@@ -112,8 +112,11 @@ NEAR, ARRIVAL = 8e-9, 1.2e-7
 # once and where each is led by itself: of many most are done with at once, so the root of their number counts. Where
 # hardly anything is proved it takes a third of that
 ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
-KEPT = 2e-6  # for a cell that is led by itself, all entries together, where sets shrink until they are kept for ever
-# for an input and 64 cells where these are looked at together, in an entry of the recursion, for a cell and an input's bit
+# for a cell, all entries together, where sets shrink until they are kept for ever: one that is led by itself, and one
+# of 64 where every velocity depends on the state, so images are rounded out along all axes and sets shrink for longer
+KEPT, CREEPING = 2e-6, 6e-7
+# for an input and 64 cells where these are looked at together, likewise in an entry of the recursion, and for the bit of
+# a cell and an input
 WORD, IN_WORDS, BIT = 3e-9, 2e-8, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
 
@@ -828,7 +831,7 @@ def _cost_of_recursion(
 
     axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. speeds : of the problem. Where nothing
     depends on time, `CHANGING` entries count at most; for ever, as many as losses are added up over (`losing_steps`),
-    and `KEPT` for each cell that is led by itself.
+    and `KEPT` for each cell that is led by itself, or `CREEPING` where every velocity depends on the state.
     """
     steps = problem.steps or losing_steps(problem, speeds)
     entries = float(min(steps, CHANGING)) if problem.time_invariant else steps * (steps + 1) / 2
@@ -837,12 +840,12 @@ def _cost_of_recursion(
         return entries * IN_WORDS * size_in_words(axes) * len(problem.inputs)
     packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
     alone = depends[packed] or problem.grid.has("frees")
-    if alone and problem.steps is None:
-        return cells * KEPT
     widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
+    whole = cells / counts[packed] * in_whole_words(counts[packed])  # part of a word takes as long
+    if problem.steps is None and (alone or problem.dynamics.reads.any(axis=1).all()):
+        return cells * KEPT if alone else whole * CREEPING
     image = np.minimum(2 + problem.delta * (speeds.widths + speeds.wider @ widths) / widths, counts)
     rows = math.sqrt(len(problem.inputs) * float(np.delete(image, packed).prod()))
-    whole = cells / counts[packed] * in_whole_words(counts[packed])  # part of a word takes as long
     return entries * (cells * ENTRY + (cells * ROW_OF_A_CELL if alone else whole * ROW) * rows)
 
 

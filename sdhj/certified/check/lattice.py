@@ -32,7 +32,7 @@ OPEN, OUTSIDE, MET = range(3)
 OUTWARD = np.array([-1.0, 1.0])[:, None]
 
 # of boxes (2, M, axes), and at which of several times (M,) each, to where it holds, and where it nowhere does
-Holds = Callable[[Array, Array], tuple[Array, Array]]
+HoldsAt = Callable[[Array, Array], tuple[Array, Array]]
 
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
@@ -113,10 +113,10 @@ class Lattice:
             self.wider = np.where(self.alike, OUTWARD * tubes + 3 * near, self.wider)  # check 4.67
         self.shape = np.array([own.size - 1 for own in self.edges])
 
-    def united(self, every: Sequence[Holds], asked: Array | None = None) -> Array:
+    def united(self, every: Sequence[HoldsAt], asked: Array | None = None) -> Array:
         """Which boxes may meet a set: uint8 flags, packed along the last axis; made by parts, to bound memory.
 
-        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+        every : for each function of which the set's is the least a `HoldsAt`: whether it is > 0 all over boxes, and
             whether it is <= 0.
         asked : which boxes are asked about, packed likewise, None: all; others are taken to meet the set.
         """
@@ -127,25 +127,25 @@ class Lattice:
             out.append(packed(self.met(every, 1, at, at + many, some)[0]))
         return np.concatenate(out)
 
-    def counted(self, every: Sequence[Holds], times: int) -> list[Array]:
+    def counted(self, every: Sequence[HoldsAt], times: int) -> list[Array]:
         """How many boxes that may meet a set lie below each corner of boxes: of int32 arrays as `sums` returns them.
 
         One for each interval of time; where there are several, one more, of the boxes that may meet it in any of them.
 
-        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+        every : for each function of which the set's is the least a `HoldsAt`: whether it is > 0 all over boxes, and
             whether it is <= 0. times : how many intervals there are.
         """
         met = self.met(every, times, 0, int(self.shape[0]))
         ever = [met.any(axis=0)] if times > 1 else []  # check 4.77
         return [sums(own, self.periodic) for own in [*met, *ever]]
 
-    def met(self, every: Sequence[Holds], times: int, begin: int, end: int, asked: Array | None = None) -> Array:
+    def met(self, every: Sequence[HoldsAt], times: int, begin: int, end: int, asked: Array | None = None) -> Array:
         """Which boxes may meet a set, of those from `begin` to `end` - 1 along the first axis: (times, *boxes) bool.
 
         Blocks of many boxes are bounded first, single ones where that leaves it open. False is proved: all functions
         of `every` are above 0 all over the box.
 
-        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+        every : for each function of which the set's is the least a `HoldsAt`: whether it is > 0 all over boxes, and
             whether it is <= 0. times : how many intervals of time there are, for each of which boxes are told.
         end : may be past the last box. asked : bool, of these boxes, which are asked about, None: all; others count
             as met.

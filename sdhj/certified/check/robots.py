@@ -35,7 +35,7 @@ from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Clai
 from sdhj.certified.check.counts import Spans, boxes_inside, flags_at, led_into, spans_of, strides_of, sums, tubes_miss
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.lattice import Holds, Lattice, memory, pieces_of
+from sdhj.certified.check.lattice import Lattice, memory, pieces_of
 from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
@@ -75,6 +75,8 @@ MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
+# of boxes (2, M, axes) to where something holds all over them, and where it nowhere does, both (M,) bool
+Holds = Callable[[Array], tuple[Array, Array]]
 # of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
 

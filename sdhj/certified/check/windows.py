@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.certified.check.bits import Array, compiled, flags_of, numbers_of, packed, unpacked
-from sdhj.certified.check.lattice import Holds, Lattice, pieces_united
+from sdhj.certified.check.lattice import HoldsAt, Lattice, pieces_united
 
 LEAST_CELLS = 1 << 16  # that one tube goes along with; with fewer, tubes are looked up one by one
 PIECES = 2  # of a part of an interval, in which tubes are bounded
@@ -273,10 +273,10 @@ class AtOnce:
 
         return overlapped(said_clear, shape, windows, np.arange(len(windows[0][2])))
 
-    def lattice_of(self, part: Any, step: int) -> tuple[Lattice, list[list[Holds]]]:
+    def lattice_of(self, part: Any, step: int) -> tuple[Lattice, list[list[HoldsAt]]]:
         """The lattice on an unsafe set's axes for the tubes of `look_at`, and what bounds the set's function there.
 
-        (lattice, every): every[piece] is a list of `Holds`, one for each function of which the set's is the least, at
+        (lattice, every): every[piece] is a list of `HoldsAt`, one for each function of which the set's is the least, at
         the times of a part of the step's interval, jitter included; a set that stands still has one piece, all times.
 
         part : the set, a `described.Part`. step : the number of the interval.
