@@ -115,8 +115,8 @@ ENTRY, ROW, ROW_OF_A_CELL = 1.5e-9, 8.5e-10, 3e-9
 # for a cell, all entries together, where sets shrink until they are kept for ever: one that is led by itself, and one
 # of 64 where every velocity depends on the state, so images are rounded out along all axes and sets shrink for longer
 KEPT, CREEPING = 2e-6, 6e-7
-# for an input and 64 cells where these are looked at together, likewise in an entry of the recursion, and for the bit of
-# a cell and an input
+# for an input and 64 cells where these are looked at together, likewise in an entry of the recursion, and for the bit
+# of a cell and an input
 WORD, IN_WORDS, BIT = 3e-9, 2e-8, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
 
