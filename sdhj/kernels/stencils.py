@@ -417,7 +417,9 @@ def add_up(flat, n, stride):
 
 CHUNKS = 64  # that cells are looked at in, each with scratch memory
 SEGMENT = 16  # cells of a line that are looked up together first
-TOGETHER = 16  # places whose cells are looked at line by line: they are mostly next to each other in memory
+# places whose cells are looked at line by line, as they are mostly next to each other in memory; and the cells of these
+# lines, at most, which bounds the scratch memory
+TOGETHER, CELLS_TOGETHER = 16, 1 << 14
 
 
 class Placed(NamedTuple):
@@ -474,10 +476,11 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout):
     layout : the cells in lines along an axis of the lattice (`Placed`).
     """
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
+    together = max(min(TOGETHER, CELLS_TOGETHER // length), 1)
     for chunk in prange(CHUNKS):
-        cell, known = np.empty(layout.counts.size, np.int64), np.full((TOGETHER, spans), -1)
-        along = np.empty((TOGETHER, spans, 2, length), np.int64)
-        hulls = np.empty((TOGETHER, spans, 2, length // SEGMENT + 1), np.int64)
+        cell, known = np.empty(layout.counts.size, np.int64), np.full((together, spans), -1)
+        along = np.empty((together, spans, 2, length), np.int64)
+        hulls = np.empty((together, spans, 2, length // SEGMENT + 1), np.int64)
         corner, at = np.empty((2, 1 << d - 1), np.int64), np.empty((2, d), np.int64)
         scratch = cell, known, along, hulls, corner, at, np.empty((2, length), np.int64)
         mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), scratch)
@@ -488,16 +491,16 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
     """Do what `mark_collisions` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
 
     Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
-    up in each part. A line of one place after that of another, of `TOGETHER` places, so that memory is read once.
+    up in each part. A line of one place is followed by that of the next, of some places, so that memory is read once.
 
-    scratch : the arrays that `mark_collisions` makes for a chunk, overwritten; the second one, `known`, is -1 at first.
+    scratch : the arrays that `mark_collisions` makes for a chunk, overwritten; the second one, `known`, is -1 at first,
+        with a row for each of these places.
     """
     (cell, known, along, hulls, corner, at, (left, met)), lines, sums = scratch, layout.offset.size, lattice.sums
-    total = (places[1] - places[0]) * lines
+    total, together = (places[1] - places[0]) * lines, known.shape[0]
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
-        # of places in groups, the last of which may be smaller: of each group one line after the other
-        group = i // (lines * TOGETHER) * TOGETHER
-        size = min(TOGETHER, places[1] - places[0] - group)
+        group = i // (lines * together) * together  # the first of some places, the last of which may be fewer
+        size = min(together, places[1] - places[0] - group)
         line, own = (i - group * lines) // size, (i - group * lines) % size
         place = group + own
         first, tube = layout.begin[places[0] + place] + layout.offset[line], tubes[place]

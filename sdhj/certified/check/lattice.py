@@ -60,14 +60,14 @@ def pieces_united(counts: Sequence[int], alike: Array, times: int) -> Array:
     return np.where(alike, 1, min(max(pieces, LEAST_UNITED), MOST_CUTS))
 
 
-def memory(counts: Sequence[int], laps: int, times: int) -> int:
-    """The bytes that the lattice of a set takes, with the counts for so many times and what the last one is made of.
+def memory(counts: Sequence[int], laps: int, times: int, parts: int) -> int:
+    """The bytes that the lattice of a set takes, with the counts for so many times and what the last ones are made of.
 
     counts : the numbers of cells on the set's axes. laps : how many of these axes are periodic. times : how many
-        intervals of time have counts of their own.
+        intervals of time have counts of their own. parts : of how many of these boxes are looked at together.
     """
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
-    return boxes * ((4 * times << laps) + (2 << laps) + 4)
+    return boxes * ((4 * times << laps) + (2 << laps) + 4 * parts)
 
 
 class Lattice:

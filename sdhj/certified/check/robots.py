@@ -221,7 +221,7 @@ class Robot(Sets):
             axes = [axis for axis in range(ndim) if axis in one["axes"]]
             laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
             times = len(arrays["clear"]) * (parts + 1) if moving else 1
-            lattices += memory([counts[axis] for axis in axes], laps, times)
+            lattices += memory([counts[axis] for axis in axes], laps, times, parts if moving else 1)
         lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
