@@ -36,6 +36,8 @@ from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import STATE_SLACK, to_words
 from sdhj.kernels.stencils import (
+    IN_CACHE,
+    TOGETHER,
     Boxes,
     Placed,
     add_marked,
@@ -491,8 +493,9 @@ class GeneralProof(Images):
 
         tubes (M, parts, ndim, 2) : of the places with numbers places[0] to places[1] - 1; cells at others are left.
         """
+        together = TOGETHER if clear.size > IN_CACHE else 1
         self._mark_alike_cells(
-            clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some)
+            clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some, together)
         )
 
     def _mark_alike_cells(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:

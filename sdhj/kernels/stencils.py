@@ -417,9 +417,9 @@ def add_up(flat, n, stride):
 
 CHUNKS = 64  # that cells are looked at in, each with scratch memory
 SEGMENT = 16  # cells of a line that are looked up together first
-# places whose cells are looked at line by line, as they are mostly next to each other in memory; and the cells of these
-# lines, at most, which bounds the scratch memory
-TOGETHER, CELLS_TOGETHER = 16, 1 << 14
+# places whose cells are looked at line by line where no cache holds all cells, as they are mostly next to each other in
+# memory; and the cells of these lines, at most, which bounds the scratch memory
+TOGETHER, IN_CACHE, CELLS_TOGETHER = 16, 1 << 22, 1 << 14
 
 
 class Placed(NamedTuple):
@@ -466,17 +466,18 @@ def parts_inside(cell, tube, layout):
 
 
 @kernel(parallel=True)
-def mark_collisions(clear, tubes, places, lattice, bit, layout):
+def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
     """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may meet an unsafe set.
 
     bit : a mask. lattice : the `Boxes` that may meet the set.
     tubes (places, parts, ndim, 2) : how far the lower and the upper end of a cell at each place move in each part of
         the interval.
     places : (begin, end), the numbers of these places.
-    layout : the cells in lines along an axis of the lattice (`Placed`).
+    layout : the cells in lines along an axis of the lattice (`Placed`). together : of how many places lines follow one
+        another, at most.
     """
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
-    together = max(min(TOGETHER, CELLS_TOGETHER // length), 1)
+    together = max(min(together, CELLS_TOGETHER // length), 1)
     for chunk in prange(CHUNKS):
         cell, known = np.empty(layout.counts.size, np.int64), np.full((together, spans), -1)
         along = np.empty((together, spans, 2, length), np.int64)
