@@ -36,7 +36,7 @@ from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import STATE_SLACK, to_words
 from sdhj.kernels.stencils import (
-    IN_CACHE,
+    CELLS_IN_CACHE,
     TOGETHER,
     Boxes,
     Placed,
@@ -493,7 +493,7 @@ class GeneralProof(Images):
 
         tubes (M, parts, ndim, 2) : of the places with numbers places[0] to places[1] - 1; cells at others are left.
         """
-        together = TOGETHER if clear.size > IN_CACHE else 1
+        together = TOGETHER if clear.size > CELLS_IN_CACHE else 1
         self._mark_alike_cells(
             clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some, together)
         )

@@ -419,7 +419,7 @@ CHUNKS = 64  # that cells are looked at in, each with scratch memory
 SEGMENT = 16  # cells of a line that are looked up together first
 # places whose cells are looked at line by line where no cache holds all cells, as they are mostly next to each other in
 # memory; and the cells of these lines, at most, which bounds the scratch memory
-TOGETHER, IN_CACHE, CELLS_TOGETHER = 16, 1 << 22, 1 << 14
+TOGETHER, CELLS_IN_CACHE, CELLS_TOGETHER = 16, 1 << 22, 1 << 14
 
 
 class Placed(NamedTuple):
