@@ -21,7 +21,6 @@ along the normal of the edge and along the edge, so the same bounds hold.
 import io
 import math
 import os
-import re
 import reprlib
 import stat
 import warnings
@@ -42,15 +41,11 @@ KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thre
 MODES = ("trinary", "scale")
 UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
 BYTES_A_PIXEL = 130  # that reading a map and making its distances take at most
-MOST_TEXT = 1 << 14  # bytes of a YAML file; PyYAML takes a second for four times as much. Also of the header of a PGM
-MOST_NESTED = 100  # brackets within one another in a YAML file
+MOST_TEXT = (
+    1 << 12
+)  # bytes of a YAML file, which has some hundred: PyYAML's time grows with the square of what is nested
 MOST_PICTURE = 1 << 27  # bytes of a picture
-FORMATS = ("PPM", "PNG", "BMP")  # that map servers write
-MOST_CHUNKS = 100  # of a PNG beside those of its pixels
-SHORT_CHUNK = 256  # bytes: a chunk of pixels with fewer counts as one of these, too
-_GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
-_SIZE = _GAP + rb"([0-9]{1,9})" + _GAP + rb"([0-9]{1,9})"
-HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _GAP))
+FORMATS = ("PPM", "PNG", "BMP")  # that map servers write; to Pillow PGM and PBM are PPM
 
 
 def map_distance(
@@ -154,12 +149,10 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
         import yaml
     except ImportError as error:
         raise ImportError(f"reading the file of a map needs PyYAML; {MISSING}") from error
-    what, words = "the YAML file of a map", {"0": False, "1": True} | yaml.SafeLoader.bool_values
+    words = {"0": False, "1": True} | yaml.SafeLoader.bool_values
     try:
         # to this loader every value is text: numbers are those of YAML 1.2, such as 1e-1, and nothing is made of tags
-        entries = yaml.load(
-            bytes_of_file(path, MOST_TEXT).decode("utf-8"), Loader=_loader_of_little_nesting(yaml.BaseLoader)
-        )
+        entries = yaml.load(bytes_of_file(path, MOST_TEXT).decode("utf-8"), Loader=yaml.BaseLoader)
         if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
             said = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
             raise ValueError(f"it must have the keys {', '.join(KEYS)}, and {said}")
@@ -174,10 +167,8 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
         origin = [number(f"origin[{i}]", number_or_text(one)) for i, one in enumerate(origin)]
         if not isinstance(image, str):
             raise ValueError(f"image must be the name of a file, got {reprlib.repr(image)}")
-    except RecursionError:
-        raise file_error(path, what, "it is nested too deeply") from None
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise file_error(path, what, error) from error
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise file_error(path, "the YAML file of a map", error) from error
     grey, opaque = read_image(path.parent / image)
     darkness = (grey if words[negate.lower()] else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
@@ -188,21 +179,6 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
             stacklevel=4,
         )
     return blocked, resolution, origin
-
-
-def _loader_of_little_nesting(loader: Any) -> Any:
-    """A loader of PyYAML, as `loader`, that raises RecursionError past `MOST_NESTED` brackets within one another.
-
-    PyYAML looks 1,024 characters ahead for a key, and at each at all brackets that are open: a second for brackets.
-    """
-
-    class LittleNested(loader):  # type: ignore[misc]
-        def fetch_flow_collection_start(self, token: Any) -> None:
-            if self.flow_level >= MOST_NESTED:
-                raise RecursionError
-            super().fetch_flow_collection_start(token)
-
-    return LittleNested
 
 
 def number_or_text(text: Any) -> Any:
@@ -216,8 +192,8 @@ def number_or_text(text: Any) -> Any:
 def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
     """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque (bool): (rows, columns) each.
 
-    The file may be a PGM, PPM, PBM, PNG or BMP. ValueError, with the path, for other or damaged files and those that
-    are too large; MemoryError where it does not fit; ImportError without Pillow.
+    ValueError, with the path, where it is none of `FORMATS`, damaged or too large; MemoryError where it does not fit;
+    ImportError without Pillow.
     """
     try:
         from PIL import Image
@@ -226,14 +202,12 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
     bombs = Image.DecompressionBombError, Image.DecompressionBombWarning
     try:
         data = bytes_of_file(path, MOST_PICTURE)
-        data = netpbm(data) if data[:1] == b"P" else checked_chunks(data)
         with (
             warnings.catch_warnings(action="error", category=bombs[1]),
             Image.open(io.BytesIO(data), formats=FORMATS) as image,
         ):
             require_memory_for_map(*image.size)
-            if image.format == "BMP" and image.tile[0][0] != "raw":
-                raise ValueError("it is compressed; save it as PNG")
+            require_whole(data, image)
             if image.mode.startswith("I"):  # 16 bits
                 grey = np.asarray(image, dtype=np.float64)
                 return grey / 257.0, grey != image.info.get("transparency", -1)
@@ -243,56 +217,26 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
     return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255
 
 
-def netpbm(data: bytes) -> bytes:
-    """The bytes of a PGM, PPM or PBM file, with its header written anew without comments.
+def require_whole(data: bytes, image: Any) -> None:
+    """Refuse, by a ValueError, a picture in P4, P5 or P6 that is not as long as its header says.
 
-    ValueError where there is no such header, or the file is not as long as the header says: it has no checksum, and
-    where something has changed its line ends, the picture is shifted. MemoryError where the picture does not fit.
+    It has no checksum: where Git or an editor has changed its line ends, the map would be read shifted.
     """
-    found = HEADER.match(data, 0, MOST_TEXT)
-    if not found:
-        raise ValueError("it must begin with P1 to P6, its width and height, and, but for P1 and P4, the largest value")
-    kind, pixels, numbers = int(data[1:2]), data[found.end() :], [int(one) for one in found.groups() if one]
-    width, height, most = (*numbers, 1)[:3]
-    require_memory_for_map(width, height)
-    count = width * height * (3 if kind in (3, 6) else 1)
-    needed, there, unit = count * (2 if most > 255 else 1), len(pixels), "bytes"
-    if kind == 4:
-        needed = -(-width // 8) * height
-    elif kind < 4:
-        if b"#" in pixels:
-            raise ValueError("it has a comment among its pixels")
-        white = np.isin(np.frombuffer(b" " + pixels, np.uint8), list(b" \t\n\v\f\r"))
-        needed, unit = count, "numbers"
-        there = int(np.count_nonzero(~white[1:] if kind == 1 else ~white[1:] & white[:-1]))
-    if there != needed:
+    if data[:2] not in (b"P4", b"P5", b"P6"):
+        return
+    _, _, begin, told = image.tile[0]  # of what Pillow decodes: where it begins, and (kind, largest value) but for 255
+    wide = told == "I;16B" or (isinstance(told, tuple) and told[1] > 255)
+    columns, rows = image.size
+    row = -(-columns // 8) if image.mode == "1" else columns * len(image.getbands()) * (2 if wide else 1)
+    if (there := len(data) - begin) != row * rows:
         raise ValueError(
-            f"{needed:,} {unit} must follow its header, for {width:,} x {height:,} pixels, and {there:,} do; if Git or "
-            "an editor has changed its line ends, say that it is binary (*.pgm binary in .gitattributes)"
+            f"{row * rows:,} bytes must follow its header, for {columns:,} x {rows:,} pixels, and {there:,} do; if Git "
+            "or an editor has changed its line ends, say that it is binary (*.pgm binary in .gitattributes)"
         )
-    return b"%s %s\n" % (data[:2], b" ".join(b"%d" % one for one in numbers)) + pixels
-
-
-def checked_chunks(data: bytes) -> bytes:
-    """The bytes of a file, unchanged; ValueError for a PNG that may have been made to take long to read.
-
-    That is a PNG with more than `MOST_CHUNKS` chunks that hold no pixels, or less than `SHORT_CHUNK` bytes of them.
-    Files of other formats pass.
-    """
-    place, count = 8, 0
-    while data.startswith(b"\x89PNG") and place + 8 <= len(data):
-        length, kind = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
-        place, count = place + 12 + length, count + (kind != b"IDAT" or length < SHORT_CHUNK)
-        if count > MOST_CHUNKS:
-            raise ValueError(f"it has more than {MOST_CHUNKS} chunks beside those of its pixels")
-    return data
 
 
 def bytes_of_file(path: Path, most: int) -> bytes:
-    """The bytes of a file, at most `most`; ValueError where it has more, or is no plain file.
-
-    OSError where it cannot be read. A device or a pipe is not read, as it might not end, nor what is too long.
-    """
+    """The bytes of a file, at most `most`; ValueError where it has more or is a device or pipe, which might not end."""
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
         raise ValueError("it is a folder, a device or a pipe")
