@@ -50,6 +50,7 @@ LARGEST = 5  # peaks from which a bound is found
 BISECTIONS = 60
 STRIDES = 4  # Runge-Kutta steps of order 4 in a sample
 INTEGRATED = 1e-6  # of an axis: how exact they are taken to be
+SAME_SPAN = 1e-9  # s: samples whose durations differ by less are integrated together
 
 
 @dataclass(frozen=True)
@@ -191,12 +192,7 @@ def bounds_from_records(
 
 
 def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
-    """The largest push of each record, (n, D), or 0 where that is larger.
-
-    pushes (rows, D) : of all records, one behind the other, -inf where nothing tells a component of v from the others.
-    counts : how many rows of `pushes` each record has, at least one. ValueError where a component is -inf in all rows
-    of all records.
-    """
+    """The largest push of each record, (n, D), at least 0, of pushes (rows, D) that are -inf where none is told."""
     peaks = np.maximum.reduceat(pushes, np.cumsum([0, *counts[:-1]]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
         raise ValueError(
@@ -228,12 +224,7 @@ def _measured(
 ) -> tuple[list[FloatArray], FloatArray]:
     """The records whose states are nearest the true ones, and the bound (ndim,) on the error of measurement.
 
-    tables : the records, (T, 1 + ndim + m) each. Just one of error, rest and better, which `bounds_from_records`
-    explains, is not None. With `better`, the records are those of the better sensor, and the error is by how much
-    `tables` differ from them. Otherwise they are `tables`; the error is half of what the record `rest` ranges over, or
-    `error` as given. miss : the probability with which each bound that is found may be exceeded.
-
-    ValueError where error, rest or better does not fit; OSError where a file cannot be read.
+    Each bound that is found may be exceeded with the probability `miss`.
     """
     ndim = problem.grid.ndim
     if better is not None:
@@ -262,12 +253,7 @@ def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
 
 
 def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
-    """A record as float64 (T, columns), from an array or the path of a CSV file whose first line has names.
-
-    wider : whether it may have more columns. ValueError, with `name` or the path, where it has fewer than two rows,
-    another number of columns, a NaN or an infinity, or times (column 0) that do not increase; OSError where a file
-    cannot be read.
-    """
+    """A record as float64 (T, columns, or more if `wider`), from an array or a CSV file with names first."""
     if isinstance(given, str | os.PathLike):
         given, name = np.loadtxt(given, delimiter=",", skiprows=1, ndmin=2), str(given)
     table = finite_array(name, given)
@@ -290,16 +276,11 @@ def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) 
 def _pushes(
     problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The pushes of all samples, what errors of measurement may add to them, and what no push explains.
+    """|v| (T, D) of all samples, how much errors may have changed it (T, D), and what no push explains (T, ndim).
 
-    Three arrays, of T = sum(T_i - 1) samples, one record behind the other: |v|, (T, D); by how much errors may have
-    changed it, (T, D); and on each axis the distance of the measured state from all that a push and errors explain,
-    (T, ndim). tables : records (T_i, 1 + ndim + m), T_i >= 2. error (ndim,) : the largest of their states.
-
-    v solves y_{i+1} = flow(y_i, u_i, v; dt) by `CORRECTIONS` steps of Newton's method with the pseudoinverse B^+ of the
-    gain; |v| is -inf where the gain does not tell a component from the others. Errors may change it by |B^+| (e +
-    w(dt)) / dt, with w at the longest dt. A distance of less than `INTEGRATED` of an axis counts as 0. ValueError for
-    an input that the problem does not have.
+    v solves y_{i+1} = flow(y_i, u_i, v; dt) by Newton's method with the pseudoinverse B^+ of the gain; |v| is -inf
+    where the gain does not tell a component from the others. Errors may change it by |B^+| (e + w(dt)) / dt, with w at
+    the longest dt. What is left counts as 0 below `INTEGRATED` of an axis.
     """
     ndim, D = problem.grid.ndim, problem.dynamics.disturbance_dim
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
@@ -326,11 +307,7 @@ def _pushes(
 
 
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
-    """The index (T,) of the problem's input that is nearest to each recorded input, given (T, m).
-
-    ValueError where a recorded input differs from all of the problem's by more than `SAME_INPUT` times the largest
-    |number| in these, or times 1 if that is larger.
-    """
+    """The index (T,) of the problem's input that each recorded input (T, m) is; ValueError for one that is none."""
     distances = np.abs(given[:, None] - problem.inputs).max(axis=2)
     if (odd := distances.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
         raise ValueError(
@@ -343,29 +320,11 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
 def _flow(
     interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
 ) -> FloatArray:
-    """Where the model leads from states (M, ndim) at time t, s, after the durations spans (M, 1), s: (M, ndim).
-
-    Exact for constant velocities, else by `STRIDES` Runge-Kutta steps of order 4. inputs (M,) : indices, and v (M, D),
-    both constant in the span; that v is within its bounds is not checked. Walls are ignored. Where the velocity depends
-    on time, M must be 1.
-    """
-
-    def velocity(q: FloatArray, after: float) -> FloatArray:
-        """The velocity (M, ndim) at states q under inputs and v, at a time after t.
-
-        after : by how many Runge-Kutta steps h of the first row: the time is t + after h[0], one for all rows.
-        """
-        now = t + after * float(h[0, 0])
-        pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)
-        return interval.undisturbed(q, inputs, now) + pushed
-
-    gain, h = (states.shape[1], v.shape[1]), spans / STRIDES
-    if interval.dynamics.constant:  # along a straight line
-        return states + spans * velocity(states, 0.0)
-    for stride in range(STRIDES):
-        first = velocity(states, stride)
-        second = velocity(states + h / 2 * first, stride + 0.5)
-        third = velocity(states + h / 2 * second, stride + 0.5)
-        last = velocity(states + h * third, stride + 1)
-        states = states + h / 6 * (first + 2 * second + 2 * third + last)
-    return states
+    """Where the model leads from states (M, ndim) at time t, s, after the durations spans (M, 1), s: (M, ndim)."""
+    ends = states.copy()
+    rounded = np.round(spans[:, 0] / SAME_SPAN) * SAME_SPAN
+    for span in np.unique(rounded):
+        rows, h = rounded == span, float(span) / STRIDES
+        for stride in range(STRIDES):
+            ends[rows] = interval.advance(ends[rows], inputs[rows], v[rows], t + stride * h, h)
+    return ends
