@@ -5,21 +5,10 @@ from digest_cases import CASES
 from record_digests import differences, far, largest_change, machine, measured, recorded
 
 RECORDED = recorded()
-# One for each method, and of the games on one to four axes, for what other tests compile too; the rest is slow.
-QUICK = {
-    "line",
-    "torus",
-    "plane, turned adversary",
-    "cart, safe ends, certified",
-    "car",
-    "evader, projected",
-    "arm, lax",
-}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", CASES)
 def test_nothing_has_changed(name):
     """On the machine of the record to the last bit, on another one but for rounding."""
     compared = differences if RECORDED["machine"] == machine() else far
@@ -28,7 +17,6 @@ def test_nothing_has_changed(name):
 
 def test_every_record_has_its_case():
     assert list(RECORDED["cases"]) == list(CASES)
-    assert set(CASES) >= QUICK
 
 
 def test_what_changes_is_told():

@@ -2,8 +2,8 @@
 
 Each call counts as *clear* (an answer, or an error of the library's own that names what was odd), *unclear* (any other
 exception), *wrong* (an answer to what is no number, or one that the oracle of its kind contradicts) or *hang*. The
-sequence of calls is the same in every run; how far it goes is a matter of time: `SDHJ_FUZZ_SECONDS=3600 pytest -m slow
--n 0 -s tests/test_fuzz.py` goes on for an hour and prints the counts.
+sequence of calls is the same in every run; how far it goes is a matter of time: `SDHJ_FUZZ_SECONDS=3600 pytest
+-m campaign -n 0 -s tests/test_fuzz.py` goes on for an hour and prints the counts.
 """
 
 import os
@@ -471,7 +471,7 @@ def judged(case: Case) -> tuple[str, str]:
     return ("wrong", f"answered {answer!r:.100}") if case.refused or not case.right(answer) else ("clear", "")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize("kind", KINDS)
 def test_odd_arguments_are_answered_or_named(kind: str, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from changes import unlisted
 
 import sdhj.certified.sets
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 # what is changed of which mark `# obligation` in the library, the test that must fail
 MUTATIONS = {

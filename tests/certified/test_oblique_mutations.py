@@ -35,7 +35,7 @@ FALSE = {
 FEW = {"gust": (40, 40), WALLS: (40, 40), "car": (16, 16, 12), "turned": (40, 40), "timed": (40, 40)}
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", FALSE)
 def test_the_checker_refuses_lines_that_are_drawn_without_it(name, monkeypatch, tmp_path):
     change, robot, claim = FALSE[name]

@@ -17,7 +17,7 @@ from sdhj.certified import word_tubes
 from sdhj.certified.check import verify
 from sdhj.kernels import tape
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 TESTED = "hold_what_is_exact"
 

@@ -6,7 +6,7 @@ Each case takes one thing out of a copy of the library and runs that test on the
 import mutations
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 EXACT, FORMS, TABLES, TEXT = "test_every_exact", "test_closed_forms", "test_tables_are_interpolated", "test_what_is_no"
 COVER, LISTS, REFUSED = "test_cells_that_do_not", "test_image_lists", "test_numbers_beyond"

@@ -79,7 +79,7 @@ def test_all_that_reads_a_graph_says_the_same():
     check_graphs(range(150))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_of_many_graphs(seed):
     check_graphs(range(1000 * seed, 1000 * seed + 1000))

@@ -23,7 +23,7 @@ def judge(mutant: Mutant) -> str:
     return state
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("chapter", CHAPTERS)
 def test_every_mutant_of_a_solution_is_refused_or_is_the_same(chapter: str) -> None:
     found = Counter((mutant.number, judge(mutant)) for mutant in mutants(chapter))
@@ -39,7 +39,7 @@ def test_a_sample_of_mutants_is_refused_or_is_the_same() -> None:
     assert Counter(map(judge, chosen))["refused"] >= 20
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_what_is_listed_as_the_same_is_a_mutant() -> None:
     known = {(mutant.number, why_same(mutant)) for chapter in CHAPTERS for mutant in mutants(chapter)}
     listed = {(number, reason) for number, of in EQUIVALENT.items() for reason in of.values()}
