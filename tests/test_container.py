@@ -1,0 +1,360 @@
+"""Arrays in a file or a folder: NumPy and any zip program read them, and no byte of it can be another."""
+
+import io
+import json
+import os
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+
+from sdhj.table import container
+from sdhj.table.container import Contents, Damaged, begin_array, file_name, head_text, stated_in, write_zip
+
+ARRAYS = {
+    "index": np.arange(7),
+    "marks": np.arange(24, dtype=np.uint8).reshape(2, 3, 4),
+    "none": np.zeros((0, 3), np.int16),
+    "one": np.array(2.5),
+    "opaque/unsafe 0": np.linspace(0.0, 1.0, 5),
+    "pool": np.arange(9, dtype=np.uint64),
+    "tubes": np.linspace(-1.0, 1.0, 60, dtype=np.float32).reshape(3, 4, 5)[:, ::-1],
+}
+HEAD = {"method": "hji", "told": [1, 2.5]}
+
+
+@pytest.fixture(params=[False, True], ids=["plain", "packed"])
+def packed(request):
+    return request.param
+
+
+def written(folder, compress=False, arrays=ARRAYS, head=HEAD):
+    path = folder / "table.npz"
+    with open(path, "wb") as out:
+        write_zip(out, head, arrays, compress)
+    return path
+
+
+def same(found, arrays=ARRAYS):
+    assert found.stated.keys() == arrays.keys()
+    for name, values in arrays.items():
+        got = found.array(name)
+        assert np.array_equal(got, values) and (got.dtype, got.shape) == (values.dtype, values.shape)
+        assert got.flags.aligned and not got.flags.writeable
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path, packed):
+    found = Contents(written(tmp_path, packed))
+    found.check()
+    same(found)
+    assert found.head == HEAD
+
+
+def test_numpy_and_zipfile_read_it(tmp_path, packed):
+    path = written(tmp_path, packed)
+    with np.load(path, allow_pickle=False) as loaded:
+        for name, values in ARRAYS.items():
+            assert np.array_equal(loaded[file_name(name).removesuffix(".npy")], values)
+    with zipfile.ZipFile(path) as file:
+        assert file.testzip() is None and json.loads(file.read("problem.json"))["method"] == "hji"
+        assert [one.compress_type for one in file.infolist()][1:] == [8 * packed] * len(ARRAYS)
+
+
+def test_numbers_begin_at_multiples_of_64_bytes(tmp_path):
+    found = Contents(written(tmp_path))
+    assert all(found.array(name).ctypes.data % 64 == 0 for name, values in ARRAYS.items() if values.size)
+
+
+def test_unpacked_by_any_program_it_is_the_folder(tmp_path):
+    with zipfile.ZipFile(written(tmp_path)) as file:
+        file.extractall(tmp_path / "folder")
+    found = Contents(tmp_path / "folder")
+    found.check()
+    same(found)
+
+
+def test_a_folder_is_begun_and_finished(tmp_path):
+    for name, values in ARRAYS.items():
+        shape = (values.shape[0] + 3, *values.shape[1:]) if name == "tubes" else values.shape
+        begin_array(tmp_path, name, values.dtype.name, shape)
+        with open(tmp_path / file_name(name), "r+b") as out:
+            out.seek(container.HEADER)
+            out.write(values.tobytes())
+    assert np.array_equal(container.array_in(tmp_path, "tubes", "float32", (6, 4, 5))[:3], ARRAYS["tubes"])
+    stated = stated_in(tmp_path, {name: (values.dtype.name, values.shape) for name, values in ARRAYS.items()})
+    (tmp_path / "problem.json").write_bytes(head_text(HEAD, stated))
+    found = Contents(tmp_path)
+    found.check()
+    same(found)
+    assert np.array_equal(np.load(tmp_path / "tubes.npy"), ARRAYS["tubes"])
+
+
+def refused(path):
+    with pytest.raises((Damaged, ValueError, OSError)):
+        Contents(path).check()
+
+
+def test_every_bit_counts(tmp_path, packed, rng):
+    path = written(tmp_path, packed)
+    whole = path.read_bytes()
+    for place in rng.integers(0, len(whole), 250).tolist():
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ (1 << place % 8)]) + whole[place + 1 :])
+        with pytest.raises(Damaged):
+            Contents(path).check()
+
+
+def test_cut_or_longer_files_are_refused(tmp_path, packed):
+    path = written(tmp_path, packed)
+    whole = path.read_bytes()
+    for other in (*(whole[:keep] for keep in range(0, len(whole), 101)), whole + b"\0", b"\0" + whole, whole + whole):
+        path.write_bytes(other)
+        with pytest.raises(Damaged):
+            Contents(path)
+
+
+# ---- zips that lie: the head is right, and what is around it is not
+
+
+def rezipped(path, change=lambda members: members, **options):
+    """The file written anew by zipfile, of members (name or ZipInfo, bytes) that are changed before."""
+    with zipfile.ZipFile(path) as file:
+        members = [(one.filename, file.read(one)) for one in file.infolist()]
+    with zipfile.ZipFile(path, "w", **options) as file:
+        for name, data in change(members):
+            file.writestr(name, data)
+
+
+def as_link(members):
+    about = zipfile.ZipInfo("tubes.npy")
+    about.create_system, about.external_attr = 3, 0o120777 << 16
+    return [(about if name == "tubes.npy" else name, data) for name, data in members]
+
+
+LIES = {
+    "another program": lambda members: members,
+    "a link": as_link,
+    "an absolute name": lambda members: [("/tmp/" + n if n == "tubes.npy" else n, d) for n, d in members],
+    "a name above": lambda members: [("../" + n if n == "tubes.npy" else n, d) for n, d in members],
+    "one more": lambda members: [*members, ("more.npy", members[-1][1])],
+    "one less": lambda members: members[:-1],
+    "in another order": lambda members: members[::-1],
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_other_zips_of_the_same_are_refused(tmp_path, lie):
+    path = written(tmp_path)
+    rezipped(path, LIES[lie])
+    refused(path)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_name_that_is_there_twice_is_refused(tmp_path):
+    path = written(tmp_path)
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("tubes.npy", b"another")
+    refused(path)
+
+
+def test_a_comment_and_data_before_or_behind_are_refused(tmp_path):
+    path = written(tmp_path)
+    whole = path.read_bytes()
+    with zipfile.ZipFile(path, "a") as file:
+        file.comment = b"more"
+    refused(path)
+    path.write_bytes(b"#!/bin/sh\n" + whole)
+    refused(path)
+    path.write_bytes(whole + b"more")
+    refused(path)
+
+
+def test_the_directory_says_what_the_headers_say(tmp_path):
+    path = written(tmp_path)
+    whole = bytearray(path.read_bytes())
+    for name in (b"tubes.npy", b"index.npy"):
+        first, last = whole.index(name), whole.rindex(name)
+        assert first < last
+        for place in (first, last):
+            other = bytearray(whole)
+            other[place : place + 1] = b"X"
+            path.write_bytes(other)
+            refused(path)
+
+
+# ---- heads that lie: their digest is right
+
+
+def forged(path, change, image=lambda name, data: data):
+    """A file whose head and whose members are changed, and sealed anew."""
+    found = Contents(path)
+    arrays = {name: one.entry for name, one in found.stated.items()}
+    parts = {name: bytes(found.parts[name]) for name in arrays}
+    head = dict(found.head) | {"arrays": arrays}
+    change(head)
+    text = json.dumps(head, sort_keys=True)[1:].encode() + b"\n"
+    text = container.FIRST_LINE.format(6, container.sha256(text)).encode() + text
+    members, pieces = [container.Member(b"problem.json", zlib.crc32(text), len(text), len(text), False, 0)], [text]
+    for name in sorted(parts):
+        data, deflated = image(name, parts[name]), '"packed"' in json.dumps(head.get("arrays"))
+        deflated = deflated and name == "tubes"
+        about = file_name(name).encode(), zlib.crc32(data), len(data), len(data), deflated, members[-1].end
+        members.append(container.Member(*about))
+        pieces.append(data)
+    out = io.BytesIO()
+    for member, piece in zip(members, pieces, strict=True):
+        out.write(member.header + piece)
+    path.write_bytes(out.getvalue() + container.directory(members))
+
+
+def test_what_is_sealed_anew_is_read(tmp_path):
+    path = written(tmp_path)
+    forged(path, lambda head: head.update(method="lax"))
+    found = Contents(path)
+    found.check()
+    same(found)
+    assert found.head["method"] == "lax"
+
+
+def states(**entry):
+    return lambda head: head["arrays"]["tubes"].update(entry)
+
+
+HEADS = {
+    "negative": states(shape=[-3, 4, 5]),
+    "huge": states(shape=[1 << 60, 4, 5]),
+    "huge product": states(shape=[1 << 49] * 8),
+    "overflow": states(shape=[1 << 32, 1 << 32]),
+    "many axes": states(shape=[1] * 33),
+    "no numbers": states(shape=[3.0, 4, 5]),
+    "true": states(shape=[True, 4, 15]),
+    "text": states(shape="345"),
+    "larger": states(shape=[4, 4, 5]),
+    "other shape": states(shape=[5, 4, 3]),
+    "objects": states(dtype="object"),
+    "other kind": states(dtype="int32"),
+    "same size": states(dtype="uint32"),
+    "structured": states(dtype="f4,f4"),
+    "no digest": states(sha256="0"),
+    "no text": states(sha256=7),
+    "other digest": states(sha256="0" * 64),
+    "packed": states(packed=[496, "0" * 64]),
+    "packed by one": states(packed=[496]),
+    "missing": lambda head: head["arrays"].pop("tubes"),
+    "one more": lambda head: head["arrays"].update(more=head["arrays"]["tubes"]),
+    "a path": lambda head: head["arrays"].update({"../tubes": head["arrays"].pop("tubes")}),
+    "an absolute path": lambda head: head["arrays"].update({"/etc/passwd": head["arrays"].pop("tubes")}),
+    "no entry": lambda head: head["arrays"].update(tubes=7),
+    "no entries": lambda head: head.update(arrays=7),
+    "no arrays": lambda head: head.pop("arrays"),
+}
+
+
+@pytest.mark.parametrize("lie", HEADS)
+def test_heads_that_lie_are_refused(tmp_path, lie):
+    path = written(tmp_path)
+    forged(path, HEADS[lie])
+    with pytest.raises((ValueError, LookupError, TypeError, AttributeError)):
+        Contents(path).check()
+
+
+def npy(values, version=None, pickled=False):
+    out = io.BytesIO()
+    np.lib.format.write_array(out, values, version, allow_pickle=pickled)
+    return out.getvalue()
+
+
+NPYS = {
+    "pickle": npy(np.array([print], object), pickled=True),
+    "by columns": npy(np.asfortranarray(ARRAYS["tubes"])),
+    "version 2": npy(ARRAYS["tubes"], (2, 0)),
+    "version 3": npy(ARRAYS["tubes"], (3, 0)),
+    "other order": npy(ARRAYS["tubes"].astype(">f4")),
+    "numpy's own header": npy(ARRAYS["tubes"]),
+    "nothing": b"",
+    "text": b"x" * 496,
+}
+
+
+@pytest.mark.parametrize("lie", NPYS)
+def test_other_npy_files_are_refused(tmp_path, lie):
+    path, data = written(tmp_path), NPYS[lie]
+    forged(path, states(sha256=container.sha256(data)), lambda name, own: data if name == "tubes" else own)
+    with pytest.raises(Damaged):
+        Contents(path).check()
+
+
+def packs(data, claimed):
+    """A forgery: the tubes are these packed bytes, said to be an array of so many numbers."""
+    entry = {"dtype": "uint8", "shape": [claimed], "sha256": "0" * 64, "packed": [len(data), container.sha256(data)]}
+    return lambda head: head["arrays"].update(tubes=entry), lambda name, own: data if name == "tubes" else own
+
+
+@pytest.mark.parametrize("claimed", [1 << 20, 1 << 31])
+def test_a_small_file_that_is_a_large_one_unpacked_is_refused(tmp_path, claimed):
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    data = packer.compress(container.header("uint8", (claimed,)))
+    zeros = bytes(1 << 20)
+    for _ in range((1 << 31 >> 20) + 1):
+        data += packer.compress(zeros)
+    data += packer.flush()
+    assert len(data) < 3e6
+    path = written(tmp_path)
+    forged(path, *packs(data, claimed))
+    with pytest.raises((Damaged, ValueError)):
+        found = Contents(path)
+        found.check()
+        found.array("tubes")
+
+
+def test_what_packs_too_closely_is_written_plain(tmp_path, monkeypatch):
+    monkeypatch.setattr(container, "MOST_UNPACKED", 1000)
+    path = written(tmp_path, True, {"index": np.zeros(10**6)})
+    found = Contents(path)
+    found.check()
+    assert found.stated["index"].packed is None and not found.array("index").any()
+
+
+def test_what_is_packed_and_no_deflate_is_refused(tmp_path):
+    path = written(tmp_path)
+    forged(path, *packs(b"\xff" * 300, 100))
+    with pytest.raises((Damaged, ValueError)):
+        Contents(path).array("tubes")
+
+
+# ---- folders
+
+
+@pytest.fixture
+def folder(tmp_path):
+    with zipfile.ZipFile(written(tmp_path)) as file:
+        file.extractall(tmp_path / "folder")
+    return tmp_path / "folder"
+
+
+@pytest.mark.parametrize("name", ["problem.json", "tubes.npy"])
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder", "missing", "empty", "cut", "longer", "device"])
+def test_what_is_no_file_of_a_folder_is_refused(folder, name, kind):
+    path = folder / name
+    data = path.read_bytes()
+    path.rename(folder.parent / "elsewhere")
+    if kind == "link":
+        path.symlink_to(folder.parent / "elsewhere")
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind != "missing":
+        path.write_bytes({"empty": b"", "cut": data[:-1], "longer": data + b"\0"}[kind])
+    refused(folder)
+
+
+def test_what_lies_beside_in_a_folder_is_not_read(folder):
+    (folder / "README.txt").write_text("mine")
+    os.mkfifo(folder / "pipe")
+    (folder / "link").symlink_to("/dev/zero")
+    found = Contents(folder)
+    found.check()
+    same(found)
