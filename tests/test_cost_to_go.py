@@ -277,10 +277,10 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
         sdhj.CostToGo(made, lambda among: np.full(len(among.inputs), "a"), progress=False)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="rule must be one of"):
         sdhj.Controller(made, rule=sdhj.CostToGo)  # type: ignore[arg-type]
-    other = sdhj.solve(rooms(), progress=False, play=False)
+    other, again = (sdhj.solve(rooms(delta=delta), progress=False, play=False) for delta in (0.2, 0.3))
     with pytest.raises(ValueError, match=r"of another table: use CostToGo\(table, ...\) of the controller's"):
         sdhj.Controller(other, rule=sdhj.CostToGo(made, "effort", progress=False)).select([0.5, 1.0], 0)
-    own = [sdhj.Controller(one, rule=sdhj.CostToGo(one, "effort", progress=False)) for one in (other, made)]
+    own = [sdhj.Controller(again, rule=sdhj.CostToGo(one, "effort", progress=False)) for one in (again, made)]
     assert own[0].select([0.5, 1.0], 0) == own[1].select([0.5, 1.0], 0)
     for method in ("hji", sdhj.Certified([40, 30])):
         ever = sdhj.solve(rooms(target=None, steps=None), method, play=False, progress=False)

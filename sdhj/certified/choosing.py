@@ -639,7 +639,7 @@ def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
         crossed = [np.diff(inside, axis=1 + i).mean() * (n - 1) for i, n in enumerate(own.shape)]
         return read_only(_Border(inside.mean(), crossed / np.subtract(own.upper, own.lower), 1 / own.size))
 
-    return problem.remembered(("border", id(part)), counted)
+    return problem.remembered(("border", part), counted)
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:

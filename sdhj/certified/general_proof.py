@@ -387,7 +387,7 @@ class GeneralProof(Images):
     @property
     def _sets_tested_by_cell(self) -> list[UnsafeSet]:
         """The unsafe sets that tubes are tested against cell by cell: those that are not in `sets_tested_in_words`."""
-        return [part for part in self.problem.unsafe if not any(part is one for one in self.sets_tested_in_words)]
+        return [part for part in self.problem.unsafe if part not in self.sets_tested_in_words]
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
         """Clear in `clear` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.

@@ -35,6 +35,7 @@ from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, prediction_error_along, sees_walls
 from sdhj.certified.oblique import Lines, no_lines
 from sdhj.formulas.formula import Ends
+from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
@@ -127,7 +128,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 
 
 @dataclass(frozen=True)
-class Proof:
+class Proof(ReadOnly):
     """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
 
     The protocol of a proof. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`;

@@ -40,13 +40,13 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
     _play, _play_bounds = np.errstate(all="ignore")(_play), np.errstate(all="ignore")(_play_bounds)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Formula(Remembering):
     """A function as an expression graph: formula(points (M, coordinates), *parameters) -> values (M, *shape).
 
-    It is immutable, and compared by identity; `meaning` compares contents. Made by `read`, `traced` or `restored`. What
-    follows from the graph (`tape`, `reads`, `rows`, ...) is computed once, at first use. It is pickled as lines of
-    text.
+    It is immutable. Formulas are equal if they have the same graph, numbers of arguments, shape and name. Made by
+    `read`, `traced` or `restored`. What follows from the graph (`tape`, `reads`, `rows`, ...) is computed once, at
+    first use. It is pickled as lines of text.
     """
 
     outputs: tuple[Node, ...] = field(repr=False)  # the results for one point, flattened in C order
@@ -54,7 +54,9 @@ class Formula(Remembering):
     parameters: int = 1  # how many numbers follow the points; the first is the time, or the begin of an interval
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # what the function is, for messages
-    _source: list[Callable[..., Any]] = field(default_factory=list, repr=False)  # [the function], or [] once forgotten
+    _source: list[Callable[..., Any]] = field(
+        default_factory=list, repr=False, compare=False
+    )  # [the function], or [] once forgotten
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":

@@ -106,6 +106,10 @@ class Node:
 
     __radd__, __rmul__ = __add__, __mul__
 
+    def __reduce__(self) -> Any:
+        """Copied and pickled as its parts, of which there is one node in each process."""
+        return interned, (self.op, self.args, self.value)
+
     def __bool__(self) -> bool:
         """Raise TypeError: a node has no value that could decide."""
         raise TypeError("an entry of a traced array has no value")

@@ -1,13 +1,23 @@
-"""A cache that an object carries, of what other code has computed about it."""
+"""What many objects carry: arrays that cannot be written, and a cache of what other code has computed about them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any, TypeVar
+
+from sdhj.kernels import read_only
 
 T = TypeVar("T")
 
 
-class Remembering:
+class ReadOnly:
+    """Base class of objects whose arrays cannot be written, nor can those of their copies and pickles."""
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Take the attributes of the original; NumPy's copies of its arrays can be written, until they are here."""
+        vars(self).update(read_only(state))
+
+
+class Remembering(ReadOnly):
     """Base class of objects that carry a cache of what other code has computed about them, filled by `remembered`.
 
     The cache starts empty, is never emptied, and takes no part in comparing or pickling the object. Values are kept

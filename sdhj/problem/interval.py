@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import Formula
+from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.tubes import PATH
 from sdhj.problem.dynamics import VectorField
@@ -31,7 +32,7 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 
 
 @dataclass(frozen=True)
-class Velocities:
+class Velocities(ReadOnly):
     """The velocity set under one input at every node, in the form that the kernels take: low_i <= v_i <= high_i on axis
     i.
 
@@ -156,7 +157,7 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Interval:
+class Interval(ReadOnly):
     """The motion from one sampling time to the next, under a constant input and any disturbance.
 
     Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end

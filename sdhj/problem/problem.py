@@ -191,6 +191,14 @@ class ReachAvoidProblem(Sampled):
         if self.has_no_target and not unsafe and not self.grid.has("fails"):
             raise ValueError("there is no target and nothing to stay clear of; give an unsafe set or an unsafe end")
 
+    def __eq__(self, other: object) -> bool:
+        """Whether the other is a problem with the same `digest`, as a copy of this one is."""
+        return self is other or (isinstance(other, ReachAvoidProblem) and self.digest == other.digest)
+
+    def __hash__(self) -> int:
+        """Of the `digest`."""
+        return hash(self.digest)
+
     @cached_property
     def digest(self) -> str:
         """SHA-256, hexadecimal, of everything that a table depends on, and of all names (`digest_of`).

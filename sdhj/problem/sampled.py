@@ -60,7 +60,7 @@ class Sampled(Statement):
         grid : a window of `self.grid`, which is not checked. `half_widths`, `error_growth` and `Interval.speeds` stay
         those of the whole grid (`OnWindow.interval` says where speeds do not).
         """
-        if grid is self.grid:
+        if grid == self.grid:
             return self
         known = {one.name: getattr(self, one.name) for one in fields(Statement) if one.init}
         return OnWindow(**known | {"grid": grid}, whole=self)

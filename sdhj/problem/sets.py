@@ -455,6 +455,10 @@ class TargetSet:
     level_set: Any
     name: str = "target"
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Copied and pickled as any object; `ANYWHERE` by its name, as it is one object in each process."""
+        return "ANYWHERE" if self is ANYWHERE else super().__reduce_ex__(protocol)
+
     def __post_init__(self) -> None:
         """Replace `axes` by a tuple of int, and `level_set` by the formula that is read from it.
 

@@ -27,8 +27,8 @@ LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, 
 class Statement(Remembering):
     """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them.
 
-    It is the base of `Sampled` and `ReachAvoidProblem`; nothing is checked here. Problems are equal if their fields
-    are. What is said to be made once is kept with the object.
+    It is the base of `Sampled` and `ReachAvoidProblem`; nothing is checked here. What is said to be made once is kept
+    with the object.
 
     Attributes
     ----------

@@ -92,7 +92,7 @@ class Runs:
         self.previous_inputs = np.full(count, -1)  # the inputs before
         self.predictions = self.states  # the same array: nothing is measured without sensing
         if sensing:
-            self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (play is not ADVERSARIES["none"])
+            self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (play != ADVERSARIES["none"])
             self.predictions = self.predict_from_measurements(
                 0, starts, self.intervals_played, self.problem.half_widths[0]
             )

@@ -36,6 +36,7 @@ from sdhj.kernels.union import PAST
 from sdhj.problem.boxes import Maxima, one_by_one
 from sdhj.problem.checks import Options
 from sdhj.problem.findings import Finding, ProjectionWarning, tell
+from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
@@ -438,7 +439,7 @@ class Projected(Options):
         """
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
-        return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.padded))
+        return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.padded.grid))
 
 
 class OnSubspaces(NamedTuple):
@@ -449,20 +450,20 @@ class OnSubspaces(NamedTuple):
         method.
     inner : the method that plays the games on the subspaces.
     subspaces : the axes that each subspace keeps, ascending.
-    problem : the padded problem, whose games are played on subspaces.
+    grid : that of the padded problem, whose games are played on subspaces.
     """
 
     name: str
     options: dict[str, Any]
     inner: HJI | HopfLax
     subspaces: tuple[Axes, ...]
-    problem: ReachAvoidProblem
+    grid: Grid
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """`ProjectedGames` for the problem itself; for any other the games of the inner method, on all of its axes.
+        """`ProjectedGames` for a problem on `grid`; for any other the games of the inner method, on all of its axes.
 
         Others are the wide problems of the ends of an axis, which have the few axes that they need.
         """
-        if problem is not self.problem:  # the ends of an axis, on the few axes that it needs
+        if problem.grid != self.grid:
             return self.inner.on(problem)
         return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), self.subspaces)

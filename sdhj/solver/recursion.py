@@ -24,7 +24,7 @@ from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.sets import LARGEST
+from sdhj.problem.sets import LARGEST, UnsafeSet
 from sdhj.problem.uncertain import eroded_by_error, must_lead_into
 from sdhj.solver.avoid import avoid_tubes_of, dangers, never_met_finding
 from sdhj.solver.former import Former, Patch
@@ -150,7 +150,7 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         layout = replace(layout, tubes=3)
     past, times = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim, 1
     # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
-    wide = [danger.problem.grid for danger in found if danger.problem is not problem]
+    wide = [danger.problem.grid for danger in found if danger.problem.grid != grid]
     copied = np.dtype(dtype).itemsize * count * max([0, *(one.size for one in wide)])
     if dynamics.depends_on_time and not dynamics.stateless:  # of an interval at a time, at each of its time steps
         speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
@@ -400,7 +400,7 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     window, games = plan.games_on_slab(task.slab)
     before, played = arrays.read("tubes", task.before, runs), problem.padded.grid
     values = must_lead_into(problem, read_window(arrays, "tubes", task.after, window))
-    if played is not problem.grid:
+    if played != problem.grid:
         values = np.pad(values, played.padding, "edge")
     (rows, step), (tube, marks) = _rows(plan, arrays, task), arrays.buffers(task.written)
     start = np.full_like(before, np.inf) if problem.has_no_target else before
@@ -420,7 +420,8 @@ def must_write_out(problem: ReachAvoidProblem, games: Any) -> bool:
 
     They have to on a padding, with a `Sensing`, and where the games have no `grouped_reach_sets`.
     """
-    return not hasattr(games, "grouped_reach_sets") or problem.padded is not problem or bool(problem.sensing)
+    padded = problem.padded.grid != problem.grid
+    return not hasattr(games, "grouped_reach_sets") or padded or bool(problem.sensing)
 
 
 def _reach_sets(
@@ -602,21 +603,19 @@ class GridSets:
         If none can differ from those of the former solve, its array is used itself. Slabs that a resumed store already
         has are not solved. Unless there are such slabs, warns of unsafe sets that no node is in danger of.
         """
-        met, looked_at = set[int](), True
+        met, looked_at = set[UnsafeSet](), True
         for kind, games in self.plan.avoid.items():
             if isinstance(self.arrays, Memory) and games and (same := self._former_avoid_tubes(kind)) is not None:
                 self.arrays.arrays[kind] = same
-                met |= {id(game.danger.unsafe_set) for game in games}
+                met |= {game.danger.unsafe_set for game in games}
                 continue
             for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
                 found = self._do(Task(kind, step, step))
                 looked_at &= len(found) == self.plan.layout.slabs_of(kind)
-                met |= {
-                    id(game.danger.unsafe_set) for one in found for game, has in zip(games, one, strict=True) if has
-                }
+                met |= {game.danger.unsafe_set for one in found for game, has in zip(games, one, strict=True) if has}
         # where nothing was looked at, an earlier solve has seen the others
         for unsafe_set in self.plan.problem.padded.unsafe if looked_at else ():
-            if id(unsafe_set) not in met:
+            if unsafe_set not in met:
                 tell(never_met_finding(unsafe_set))
 
     def _former_avoid_tubes(self, kind: str) -> FloatArray | None:

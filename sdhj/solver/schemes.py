@@ -244,9 +244,10 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
     """
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
-    if (known := terms.get((id(layout), dtype))) is None:
-        known = terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)
-    return known[1]
+    key = grid, layout.ghosts, dtype
+    if (known := terms.get(key)) is None:
+        known = terms[key] = _arranged(grid, layout, velocities, dtype)
+    return known
 
 
 def arranged_bytes(grid: Grid, scheme: Scheme) -> int:

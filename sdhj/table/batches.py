@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
@@ -97,7 +98,7 @@ def entry(steps: int, start: int, within: int) -> int:
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
-class Table:
+class Table(ReadOnly):
     """A solved problem, whatever its method: `sdhj.solve` and `sdhj.load` return one, and `sdhj.Controller` uses it.
 
     Arguments `start` and `within` select a tube: the states that at step `start` can reach the target within `within`

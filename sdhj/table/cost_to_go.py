@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.problem.checks import option, real_array
@@ -32,6 +33,11 @@ PAIRS = 1 << 18  # of a node and an input, that are looked at at a time
 LEAST_WEIGHT = 1e-3  # of the nodes in the tube around a state, for the cost to be known there
 
 
+def _free(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
+    """The end of a run costs nothing: zeros (M,) for states (M, ndim)."""
+    return np.zeros(len(states))
+
+
 @dataclass(frozen=True)
 class _Cost:
     """A cost along a run: the sum, or the maximum, of the costs of its intervals and of its end.
@@ -43,7 +49,7 @@ class _Cost:
     """
 
     of: Rule
-    end: Callable[[ReachAvoidProblem, FloatArray, float], FloatArray] = lambda problem, states, t: np.zeros(len(states))
+    end: Callable[[ReachAvoidProblem, FloatArray, float], FloatArray] = _free
     join: np.ufunc = np.add
     nothing: float = 0.0
 
@@ -59,19 +65,24 @@ def _distance(among: Candidates) -> FloatArray:
     return among.problem.delta * np.maximum(far, 0.0)
 
 
+def _clearance(among: Candidates) -> FloatArray:
+    """-g(q') of each of P candidates, g the unsafe sets' level-set function and q' the successor: (P,)."""
+    return -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1))
+
+
+def _clearance_at_end(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
+    """-g of states (M, ndim) at time t: (M,)."""
+    return -problem.unsafe_value(states, t)
+
+
 COSTS = {
     "effort": _Cost(_effort),
     "distance": _Cost(_distance),
-    "clearance": _Cost(
-        lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
-        lambda problem, states, t: -problem.unsafe_value(states, t),
-        np.maximum,
-        -np.inf,
-    ),
+    "clearance": _Cost(_clearance, _clearance_at_end, np.maximum, -np.inf),
 }
 
 
-class CostToGo:
+class CostToGo(ReadOnly):
     """A rule: the first input of a run of least cost, among those that keep all the steps left.
 
     J_k(q) = min_u c_k(q, u) + J_{k+1}(q'), for clearance max instead of +, with v = 0 (`sdhj.table.cost_to_go`). Other
@@ -179,7 +190,7 @@ class CostToGo:
         `Controller.scores` to refuse. ValueError for candidates of another problem, and where costs that are added up
         have a NaN or -inf.
         """
-        if candidates.problem is not self.problem:
+        if candidates.problem != self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
         ends = candidates.successors
         sums, weights = (self.problem.grid.interpolate(one, ends) for one in self._values[candidates.step + 1])

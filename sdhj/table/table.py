@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox
+from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
@@ -75,7 +76,7 @@ def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class AvoidTubes:
+class AvoidTubes(ReadOnly):
     """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
 
     The arrays are made read-only. A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there.
