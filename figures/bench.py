@@ -206,13 +206,13 @@ def peer(problem: Case) -> Run:
             still, moved = hj.sets.Box(jnp.zeros(1), jnp.zeros(1)), hj.sets.Box(jnp.asarray(-half), jnp.asarray(half))
             super().__init__("min", "max", still, moved)
 
-        def open_loop_dynamics(self, state: Any, time: Any) -> Any:
+        def open_loop_dynamics(self, state: Any, _: Any) -> Any:
             return mean
 
-        def control_jacobian(self, state: Any, time: Any) -> Any:
+        def control_jacobian(self, state: Any, _: Any) -> Any:
             return jnp.zeros((ndim, 1))
 
-        def disturbance_jacobian(self, state: Any, time: Any) -> Any:
+        def disturbance_jacobian(self, state: Any, _: Any) -> Any:
             return jnp.eye(ndim)
 
     lattice = hj.Grid.from_lattice_parameters_and_boundary_conditions(
@@ -310,13 +310,13 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
 
     Queries are single calls, of `Controller.fallback` for states that are not admissible; batches have BATCH states.
     """
-    table = sdhj.solve(arm_case_study(nodes=nodes), progress=False)
+    solved = sdhj.solve(arm_case_study(nodes=nodes), progress=False)
     rng = np.random.default_rng(seed)
-    controller, found = Controller(table), {}
+    controller, found = Controller(solved), {}
     states = admissible_states(controller, BATCH, rng)
-    anywhere = rng.uniform(table.grid.lower, table.grid.upper, states.shape)
+    anywhere = rng.uniform(solved.grid.lower, solved.grid.upper, states.shape)
     lost = anywhere[controller.batch(anywhere, 0).steps_to_go < 0]
-    calls: dict[str, Any] = {f"select, rule {rule}": (Controller(table, rule).select, states) for rule in RULES}
+    calls: dict[str, Any] = {f"select, rule {rule}": (Controller(solved, rule).select, states) for rule in RULES}
     calls |= {"filter": (partial(controller.filter, wanted=0), states), "fallback": (controller.fallback, lost)}
     for name, (call, points) in calls.items():
         call(points[0], 0)
@@ -335,14 +335,14 @@ def measure_resolve(nodes: Sequence[int] = (15, 25), repeats: int = 5) -> dict[i
     for n in nodes:
         places = [(x, 0.1) for x in (-0.22, -0.2, -0.18)] * repeats  # m
         moved = [arm_case_study(n, obstacles=(Disk(Still(at), 0.06), *OBSTACLES[1:])) for at in places]
-        table, times = sdhj.solve(moved[0], progress=False, play=False), {"solve": [], "resolve": []}
+        solved, times = sdhj.solve(moved[0], progress=False, play=False), {"solve": [], "resolve": []}
         for problem in moved:  # in turn, so that what else the machine does strikes both
             for name in times:
                 begun, used = time.perf_counter(), time.process_time()
                 if name == "solve":
                     sdhj.solve(problem, progress=False, play=False)
                 else:
-                    table = sdhj.resolve(table, problem)
+                    solved = sdhj.resolve(solved, problem)
                 times[name].append((time.perf_counter() - begun, time.process_time() - used))
         found[n] = {name: tuple(np.median(rows[2:], axis=0).tolist()) for name, rows in times.items()}
     return found
@@ -361,9 +361,9 @@ def measure_slider(nodes: int = 25) -> float:
     """Median seconds of ten moves of chapter 10's sliders: each makes, solves and draws the arm's game anew."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "notebooks"))
     explorer = importlib.import_module("course.explore.tubes").explore_arm_game(nodes)
-    first = {"v_d": 0.4, "v_p": 0.25, "delta": 0.11, "x": -0.2, "y": 0.12}
+    start = {"v_d": 0.4, "v_p": 0.25, "delta": 0.11, "x": -0.2, "y": 0.12}
     second = {"v_d": 0.5, "v_p": 0.3, "delta": 0.12, "x": -0.18, "y": 0.14}
-    return float(np.median([_timed(explorer.set, **{name: to[name]}) for to in (first, second) for name in to]))
+    return float(np.median([_timed(explorer.set, **{name: to[name]}) for to in (start, second) for name in to]))
 
 
 def _timed(call: Callable[..., Any], *args: Any, **options: Any) -> float:
@@ -488,11 +488,11 @@ def _versions(with_peer: bool) -> str:
 @click.option(
     "--repeats", default=5, type=click.IntRange(1), help="Rounds in which all solvers take turns; medians are printed."
 )
-@click.option("--peer/--no-peer", default=True, help="Also measure hj_reachability (pip install 'sdhj[bench]').")
+@click.option("--peer/--no-peer", "with_peer", default=True, help="Also measure hj_reachability ('sdhj[bench]').")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
 @click.option("--kept", is_flag=True, help="Only draw what was measured last, figures/kept/bench.txt.")
 @plainly
-def main(nodes: str, repeats: int, peer: bool, output: Path | None, kept: bool) -> None:
+def main(nodes: str, repeats: int, with_peer: bool, output: Path | None, kept: bool) -> None:
     """Time one reach problem beside a peer, the whole case study and its parts, and the controller's answers."""
     counts = numbers("nodes", nodes, int)
     writable_picture(output)
@@ -500,11 +500,11 @@ def main(nodes: str, repeats: int, peer: bool, output: Path | None, kept: bool) 
         lines = (Path(__file__).parent / "kept" / "bench.txt").read_text("utf-8").splitlines()[2:]
         click.echo(plot(read(lines), output or Path("bench.png")))
         return
-    report = measure(counts, repeats=repeats, with_peer=peer)
+    report = measure(counts, repeats=repeats, with_peer=with_peer)
     click.echo(table(report) + "\n")
     case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
     click.echo(whole_table(case_study, measure_controller()) + "\n")
-    if peer:
+    if with_peer:
         click.echo(beside_peer(report, case_study) + "\n")
     click.echo(resolve_table(measure_resolve()) + "\n")
     click.echo(first.table("arm", first.in_a_new_process("arm")) + "\n")

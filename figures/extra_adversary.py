@@ -81,8 +81,8 @@ def sweep_adversary(bound: str, values: Sequence[float], method: str | sdhj.Cert
     tables = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ProjectionWarning)  # an empty tube is what a sweep is for
-        for value in values:
-            problem = sdhj.arm_case_study(**(arguments | {bound: value}))
+        for bound_value in values:
+            problem = sdhj.arm_case_study(**(arguments | {bound: bound_value}))
             table = sdhj.solve(problem, method=method, progress=False)
             tables.append((table.fraction(start=0, within=table.steps), share_won(table)))
     fractions, won = zip(*tables, strict=True)

@@ -83,13 +83,13 @@ def compare(reference: Table, inner: Table, slices: Sequence[Slice]) -> list[Row
 
 def _section(grid: Grid, cut: Slice) -> tuple[Grid, FloatArray]:
     """The finer grid of a slice, and its nodes as states (M, ndim) of the whole grid."""
-    for name, value in cut.items():
+    for name, at in cut.items():
         if name not in grid.names:
             raise ValueError(f"a slice names axes among {', '.join(grid.names)}, got {name!r}")
         axis = grid.names.index(name)
         low, high = grid.lower[axis], grid.upper[axis]
-        if not grid.periodic[axis] and not low <= value <= high:
-            raise ValueError(f"a slice must be on the grid: {name} from {low:g} to {high:g}, got {value}")
+        if not grid.periodic[axis] and not low <= at <= high:
+            raise ValueError(f"a slice must be on the grid: {name} from {low:g} to {high:g}, got {at}")
     free = [axis for axis in range(grid.ndim) if grid.names[axis] not in cut]
     if not free:
         raise ValueError("a slice must leave at least one axis free")
@@ -98,8 +98,8 @@ def _section(grid: Grid, cut: Slice) -> tuple[Grid, FloatArray]:
     fine = Grid(coarse.lower, coarse.upper, shape, coarse.periodic, coarse.names)
     points = np.empty((fine.size, grid.ndim))
     points[:, free] = fine.points()
-    for name, value in cut.items():
-        points[:, grid.names.index(name)] = value
+    for name, at in cut.items():
+        points[:, grid.names.index(name)] = at
     return fine, points
 
 
@@ -155,12 +155,12 @@ def draw_entries(ax: Axes, values: FloatArray, title: str, cmap: str = "cividis"
     mesh = ax.imshow(np.ma.masked_invalid(values), cmap=cmap, vmin=min(least, top), vmax=top, gid="entries")
     ax.figure.colorbar(mesh, ax=ax, shrink=0.75, pad=0.02)
     colours = mpl.colormaps[cmap]
-    for (k, n), value in np.ndenumerate(values):
-        if not np.isnan(value):
-            finite = np.isfinite(value)
-            dark = finite and float(np.dot(colours(mesh.norm(value))[:3], LUMA)) < 0.5
+    for (k, n), entry in np.ndenumerate(values):
+        if not np.isnan(entry):
+            finite = np.isfinite(entry)
+            dark = finite and float(np.dot(colours(mesh.norm(entry))[:3], LUMA)) < 0.5
             looks = {"ha": "center", "va": "center", "fontsize": 6.5, "color": "white" if dark else "black"}
-            ax.text(n, k, f"{value:.2f}" if finite else r"$\infty$", **looks)
+            ax.text(n, k, f"{entry:.2f}" if finite else r"$\infty$", **looks)
     places = range(len(values))
     ax.set(xticks=places, yticks=places, xlabel="steps to go, $n$", ylabel="from step $k$", title=title)
     ax.tick_params(length=0)

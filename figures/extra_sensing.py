@@ -81,10 +81,10 @@ class Promise:
         return self.share - self.at_once
 
 
-def promised(problem: ReachAvoidProblem, method: Any, kind: str, value: float) -> Promise:
+def promised(problem: ReachAvoidProblem, method: Any, kind: str, size: float) -> Promise:
     """What is promised with an "error", a "delay" or a "jitter" of this much; nothing where the target is too small."""
     try:
-        unsure = replace(problem, sensing=sdhj.Sensing(**{kind: value}, memory=False))
+        unsure = replace(problem, sensing=sdhj.Sensing(**{kind: size}, memory=False))
     except ValueError as refused:
         if TOO_MUCH not in str(refused):
             raise
@@ -126,9 +126,9 @@ def largest(leaves: Callable[[float], bool], most: float, halvings: int = HALVIN
 def limits(problem: ReachAvoidProblem, method: Any, kind: str, most: float) -> list[tuple[float, float]]:
     """As `largest`: what leaves anything of the target, which takes no solve, and what leaves anything beyond."""
 
-    def fits(value: float) -> bool:
+    def fits(size: float) -> bool:
         try:
-            replace(problem, sensing=sdhj.Sensing(**{kind: value}, memory=False))
+            replace(problem, sensing=sdhj.Sensing(**{kind: size}, memory=False))
         except ValueError as refused:
             if TOO_MUCH not in str(refused):
                 raise

@@ -96,19 +96,19 @@ class Refusal(click.ClickException):
     exit_code = 2
 
 
-def plainly(command: Callable[..., None]) -> Callable[..., None]:
+def plainly(function: Callable[..., None]) -> Callable[..., None]:
     """Decorate a command: errors become one line on standard error, without a traceback, and compiling is reported.
 
     ValueError, OSError, MemoryError and ImportError end the command with status 2 (`Refusal`), Ctrl-C with status 130;
     a closed pipe is left to click, and all other errors are raised.
     """
 
-    @functools.wraps(command)
+    @functools.wraps(function)
     def wrapped(*args: Any, **kwargs: Any) -> None:
         """Run the command with its arguments, and treat errors as `plainly` says."""
         try:
             with announced(progress=True):
-                command(*args, **kwargs)
+                function(*args, **kwargs)
         except BrokenPipeError:  # the reader has closed the pipe; click then ends silently
             raise
         except KeyboardInterrupt:

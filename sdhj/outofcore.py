@@ -239,8 +239,8 @@ def task_bytes(plan: Plan) -> int:
             windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.unsafe_set)))
     written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
     differences = isinstance(reaching, HJIGames)  # else maxima over the first axes are kept
-    played = (bytes_of_games(problem, one, plan.dtype, 12 if differences else one.ndim + 4) for one in windows)
-    return max(played) + 2 * tubes + written  # a tube of several games is there twice
+    needed = (bytes_of_games(problem, one, plan.dtype, 12 if differences else one.ndim + 4) for one in windows)
+    return max(needed) + 2 * tubes + written  # a tube of several games is there twice
 
 
 # ---- which problem it is

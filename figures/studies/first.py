@@ -70,12 +70,12 @@ def measured(name: str) -> dict[str, Any]:
         problem = PROBLEMS[name]()
         done("problem")
         method = sdhj.Certified(cells=CELLS) if "certified" in name else "hji"
-        table = sdhj.solve(problem, method, progress=False, play=False)
+        solved = sdhj.solve(problem, method, progress=False, play=False)
         done("solve")
-        table.played(200)
+        solved.played(200)
         done("runs")
         with suppress(sdhj.NotAdmissible):
-            sdhj.Controller(table).select(np.array(problem.grid.lower), 0)
+            sdhj.Controller(solved).select(np.array(problem.grid.lower), 0)
         done("select")
     return {"steps": steps, "kernels": clock.found}
 

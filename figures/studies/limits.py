@@ -41,9 +41,9 @@ class Part(NamedTuple):
     bytes: float
     operations: float
 
-    def times(self, limits: tuple[float, float]) -> float:
-        """How many times as long as the slower of the two limits allows; NaN where nothing was counted."""
-        least = max(self.bytes / limits[0], self.operations / limits[1])
+    def times(self, both: tuple[float, float]) -> float:
+        """How many times as long as the slower of `both` limits allows; NaN where nothing was counted."""
+        least = max(self.bytes / both[0], self.operations / both[1])
         return self.seconds / least if least else np.nan
 
 

@@ -145,10 +145,10 @@ def planned(plans: FloatArray) -> Adversary:
     """The adversary that plays plans (M, steps, switches, D), one for each of M runs that start together."""
     switches = plans.shape[2]
 
-    def planned(moment: Moment) -> FloatArray:
+    def play(moment: Moment) -> FloatArray:
         return plans[moment.runs, moment.step, moment.substep * switches // SUBSTEPS] * moment.bounds
 
-    return planned
+    return play
 
 
 def _recorded(name: str, plans: FloatArray) -> Adversary:
@@ -309,11 +309,11 @@ class _Search:
         plans = np.where(early, parents.plans[rows, two[0]], parents.plans[rows, two[1]])
         interval = rng.integers(0, np.maximum(parents.taken[rows, two[0]], 1))[..., None, None]
         part = rng.integers(0, switches, (count, population, 1, 1))
-        whole = (np.arange(population) % 2 == 0)[:, None, None]
-        changed = (np.arange(steps)[:, None] == interval) & (whole | (np.arange(switches) == part))
+        entire = (np.arange(population) % 2 == 0)[:, None, None]
+        changed = (np.arange(steps)[:, None] == interval) & (entire | (np.arange(switches) == part))
         changed |= rng.random(changed.shape) < CHANGED
         new = self.decided(plans.shape)
-        new = np.where(whole[..., None], new[..., :1, :], new)  # one v for a whole interval
+        new = np.where(entire[..., None], new[..., :1, :], new)  # one v for a whole interval
         scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1))
         nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -1.0, 1.0)
         new = np.where((np.arange(population) % 4 < 2)[:, None, None, None], new, nudged)

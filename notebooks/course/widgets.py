@@ -266,7 +266,7 @@ class Explorer:
         What is refused is left out. The controls and what is displayed are as before.
         """
         name = name or self.motion
-        control, picture = self.controls[name], self._picture
+        control, shown = self.controls[name], self._picture
         first, most = control.value, min(FRAMES, TALLEST // PIL.Image.open(io.BytesIO(self.png)).height)
         self._picture = None
         try:
@@ -276,7 +276,7 @@ class Explorer:
                     yield _number(value), self.png, _told(self.numbers)
         finally:
             self.set(**{name: first})
-            self._picture = picture
+            self._picture = shown
 
     def panel(self) -> Any:
         """The controls in columns, with the numbers below."""
@@ -304,15 +304,15 @@ SHOWN: list[Explorer] = []  # in the order in which they were displayed
 
 def greyed(png: bytes, said: str) -> bytes:
     """A picture without its colours, half as dark, with words across its top; it still says what it shows."""
-    picture = PIL.Image.open(io.BytesIO(png))
-    grey = PIL.Image.blend(picture.convert("L"), PIL.Image.new("L", picture.size, 255), 0.45)
+    shown = PIL.Image.open(io.BytesIO(png))
+    grey = PIL.Image.blend(shown.convert("L"), PIL.Image.new("L", shown.size, 255), 0.45)
     font = ImageFont.load_default(15)
     brush = ImageDraw.Draw(grey)
     left, top, right, bottom = brush.textbbox((8, 6), said, font)
     brush.rectangle((left - 4, top - 4, right + 4, bottom + 4), fill=255, outline=90)
     brush.text((8, 6), said, fill=30, font=font)
     words, buffer = PngInfo(), io.BytesIO()
-    for name, text in picture.info.items():
+    for name, text in shown.info.items():
         if isinstance(text, str):
             words.add_text(name, text)
     grey.save(buffer, "png", pnginfo=words)
@@ -346,8 +346,8 @@ def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
     pictures = [PIL.Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
     width, height = pictures[0].size
     strip = PIL.Image.new("RGB", (width, height * len(pictures)))
-    for place, picture in enumerate(pictures):
-        strip.paste(picture, (0, place * height))
+    for place, image in enumerate(pictures):
+        strip.paste(image, (0, place * height))
     few = strip.quantize(48, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
     few.save(path, lossless=True, quality=80)
     return width, height

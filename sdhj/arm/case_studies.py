@@ -338,19 +338,19 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
-def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
+def _sets(place: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
     """The target and the unsafe sets of a workspace; cached, so that problems of one workspace share them.
 
     The unsafe sets are the obstacles (G1 of App. A.3), if there are any, and the pursuer (G2). Where the adversary
     moves an evader, the evader is the target, and there is no pursuer.
     """
     unsafe = list[UnsafeSet]()
-    if scene.obstacles:
-        unsafe.append(UnsafeSet(JOINTS, scene.obstacles_value, scene.obstacles_swept_value, "obstacles"))
-    if scene.target is None:
-        return TargetSet(ALL_AXES, scene.evader_value, name="evader"), tuple(unsafe)
-    unsafe.append(UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer"))
-    return TargetSet(JOINTS, scene.target_value), tuple(unsafe)
+    if place.obstacles:
+        unsafe.append(UnsafeSet(JOINTS, place.obstacles_value, place.obstacles_swept_value, "obstacles"))
+    if place.target is None:
+        return TargetSet(ALL_AXES, place.evader_value, name="evader"), tuple(unsafe)
+    unsafe.append(UnsafeSet(ALL_AXES, place.pursuer_value, name="pursuer"))
+    return TargetSet(JOINTS, place.target_value), tuple(unsafe)
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:

@@ -157,14 +157,14 @@ def peak_bytes(
     `shapes` returns them.
     """
     own = place_axes(problem, axes)
-    united = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
+    tested = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
         for part in problem.all_sets
-        if not any(part is one for one in united)
+        if not any(part is one for one in tested)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
-    needed += 8 * size_in_words(axes) * (moves[1] + SETS_AT_HAND) if united else 0
+    needed += 8 * size_in_words(axes) * (moves[1] + SETS_AT_HAND) if tested else 0
     needed += most_bytes(problem, axes, own) + math.prod(sites_of(problem, axes, own)[1])
     if own[-1]:  # once more, as the recursion asks for them
         needed += 4 * math.prod(moves[1:]) + math.prod(clear[1:])
@@ -348,9 +348,9 @@ class GeneralProof(Images):
         To be called once: the arrays cannot be filled again. progress : whether to show bars, as for `sdhj.solve`.
         ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
-        drawing, arrivals, in_words = Drawing(self), Arrivals(self), self.sets_tested_in_words
+        drawing, arrivals, tested = Drawing(self), Arrivals(self), self.sets_tested_in_words
         mark = partial(self._mark_collisions, self._lattices(progress))
-        kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
+        tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
             """Keep what the recursion needs of the places `some` (M,), consecutive numbers, under u_j.
@@ -361,14 +361,14 @@ class GeneralProof(Images):
             mark(start, j, some, tubes)
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
-            if in_words:
-                kept[start, j, some] = tubes
+            if tested:
+                tubes_at_hand[start, j, some] = tubes
 
         pieces = min(int(finest(self.problem, self.parts, self.low.shape)), self.most_pieces)
         self.fill(pieces, progress, use)
         self._drawn.append(drawing.lines)
-        for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
-            self._mark_in_words(unsafe_set, kept[..., list(unsafe_set.axes), :])
+        for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
+            self._mark_in_words(unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
 

@@ -253,8 +253,8 @@ class Certified(Options):
             halfway = time.perf_counter()
             recursion(sets, problem.most_steps, lambda: None)
             times = halfway - began, time.perf_counter() - halfway
-        whole, coarse = model(proof.axes), model(sets.proof.axes)
-        seconds = sum(each * much / little for each, much, little in zip(times, whole, coarse, strict=True))
+        full, coarse = model(proof.axes), model(sets.proof.axes)
+        seconds = sum(each * much / little for each, much, little in zip(times, full, coarse, strict=True))
         found = sum(len(rows) for rows, _ in sets.added.values()) / sets.shape[0]  # times all rows
         rows = math.prod(axis.count for axis in proof.axes[: proof.rows])
         nbytes = (2 * found + 3) * rows * 8 * -(-(count // rows) // 64) + 4 * len(sets.added) * rows

@@ -162,8 +162,8 @@ class CertifiedTable(Table):
             asked = np.flatnonzero(found & ~sure)
         for some in np.array_split(asked, math.ceil(len(asked) * many / AT_ONCE) or 1):
             around = self.points_of_error_box(states[some])
-            kept = ~self.outside(around.reshape(-1, ndim), start, within)
-            found[some] = kept.reshape(around.shape[:2]).all(axis=1)
+            inside = ~self.outside(around.reshape(-1, ndim), start, within)
+            found[some] = inside.reshape(around.shape[:2]).all(axis=1)
         return found
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
@@ -707,14 +707,14 @@ class CellSets:
             proof = replace(proof, problem=replace(problem, steps=last))
         # for ever, what follows the last one that changed something is the same
         entries = sorted(self.added) if problem.steps else sorted(self.added)[: last + 1]
-        whole = problem.steps or not (problem.has_no_target and self.settled)  # else only what stays clear for ever
-        index = np.zeros((len(entries) if whole else 1, self.shape[0]), np.uint32)
+        every = problem.steps or not (problem.has_no_target and self.settled)  # else only what stays clear for ever
+        index = np.zeros((len(entries) if every else 1, self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
         for i, (step, within) in enumerate(entries):
             rows, blocks = self.added.pop((step, within))
-            if whole:
+            if every:
                 index[i] = index[i - 1] if within else 0
-            index[i if whole else 0, rows] = np.arange(used, used + rows.size)
+            index[i if every else 0, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
         return CertifiedTable(proof, index, np.concatenate(pool), facts)

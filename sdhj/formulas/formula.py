@@ -129,11 +129,11 @@ class Formula(Remembering):
         Traced values where an argument is traced. ValueError where points or parameters do not fit, or a value is
         undefined or infinite; with finite=False what is undefined is NaN, and nothing is checked of values.
         """
-        traced = Traced in map(type, (points, *parameters))
-        points = points if traced else np.ascontiguousarray(points, np.float64)
+        is_traced = Traced in map(type, (points, *parameters))
+        points = points if is_traced else np.ascontiguousarray(points, np.float64)
         fits = len(shape := np.shape(points)) == 2 and shape[1] == self.coordinates
         fits = fits and len(parameters) == self.parameters
-        given = np.array(parameters if fits and not traced else (), np.float64)
+        given = np.array(parameters if fits and not is_traced else (), np.float64)
         if not fits or given.ndim != 1:
             more = f" and {self.parameters} more, numbers, the time first" if self.parameters else " alone"
             got = ", ".join([f"points of shape {shape}", *map(reprlib.repr, parameters)])
@@ -143,7 +143,7 @@ class Formula(Remembering):
                 f"{self.name} is a function of points (M, {self.coordinates}){more}; got {got}. "
                 f"{under if self.name in ('drift', 'gain') else columns}"
             )
-        if traced:
+        if is_traced:
             return self._inlined(points, parameters)
         if not points.flags.writeable:  # for what may not be written to, all would be compiled once more
             points = points.copy()

@@ -413,7 +413,7 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
         """Call the chosen function, functions[len(place)], with the other arguments; returns its result."""
         return functions[len(place)](*arguments)
 
-    def compiled(place: Any, *types: Any) -> Callable[..., Any]:
+    def compiled(place: Any, *types_of_others: Any) -> Callable[..., Any]:
         """The implementation of `call` for the compiler, which knows the length of `place` from its type."""
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
@@ -497,8 +497,8 @@ class _Announcer(Listener):
 
     def on_start(self, event: Any) -> None:
         """Write `LINE` to standard error, the first time that the function compiled is of this package."""
-        kernel = event.data["dispatcher"].py_func
-        if not self.said and kernel.__module__.startswith("sdhj."):
+        function = event.data["dispatcher"].py_func
+        if not self.said and function.__module__.startswith("sdhj."):
             self.said = True
             tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
 

@@ -92,8 +92,8 @@ def sine(x, quarter_turns):
 def tan(x):
     """tan(x): sin(r) / cos(r), or -cos(r) / sin(r) in odd quarter turns, for r of `_reduced`. NaN beyond TURNS."""
     r, quarter = _reduced(x)
-    sine, cosine = _sine(r), _cosine(r)
-    return (-cosine if quarter & 1 else sine) / (sine if quarter & 1 else cosine)
+    s, c = _sine(r), _cosine(r)
+    return (-c if quarter & 1 else s) / (s if quarter & 1 else c)
 
 
 @_inlined

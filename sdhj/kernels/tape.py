@@ -401,18 +401,18 @@ def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray
     return sum(_share_out(play_part, len(points), ints, floats, 0, points, parameters, out)) == 0.0
 
 
-def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
-    """What `part(*arguments, start, stop)` returns for nearly equal ranges of 0 to count, a list in order.
+def _share_out(work: Any, count: int, *arguments: Any) -> list[Any]:
+    """What `work(*arguments, start, stop)` returns for nearly equal ranges of 0 to count, a list in order.
 
     As many ranges as Numba has threads, each in a thread of its own unless there is but one; some are empty where
-    `count` is less. part : a kernel that runs without Python's lock.
+    `count` is less. work : a kernel that runs without Python's lock.
     """
     # A parallel kernel in place of threads would compile everything once more.
     if (threads := get_num_threads()) == 1:
-        return [part(*arguments, 0, count)]
+        return [work(*arguments, 0, count)]
     ends = pairwise(count * i // threads for i in range(threads + 1))
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda part_ends: part(*arguments, *part_ends), ends))
+        return list(pool.map(lambda part_ends: work(*arguments, *part_ends), ends))
 
 
 @kernel(nogil=True, error_model="numpy")

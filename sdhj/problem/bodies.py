@@ -220,8 +220,8 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
         return [(p - x) * along[0] + (q - y) * along[1] for p, q in b.corners]
 
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
-    for part, far in ((b, of_a), (a, of_b)) if len(b.corners) else ((b, of_a),):
-        for normal, ends, offset in zip(part.normals, part.ends, part.offsets, strict=True):
+    for body, far in ((b, of_a), (a, of_b)) if len(b.corners) else ((b, of_a),):
+        for normal, ends, offset in zip(body.normals, body.ends, body.offsets, strict=True):
             beside.append(([one - offset for one in far(normal)], far(normal @ TURN), ends))
     if not beside:  # two points
         (p, q), corner = b.corners[0], a.corners[0]

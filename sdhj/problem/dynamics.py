@@ -172,18 +172,18 @@ class Dynamics:
             bounds = _constants("bounds", np.ones(bounds.shape), ndim)
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
-    def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
+    def compare(self, vector_field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
         """Raise ValueError where a user's function has other values than the formula that `read` made of it.
 
         All functions that the last `read` kept are compared, each under input 0 at all times and under every other
         input at one of them, with one v, whose components are evenly apart from -0.5 to 0.5.
 
-        field : what that `read` returned. states : (M, ndim). times : s, at least one.
+        vector_field : what that `read` returned. states : (M, ndim). times : s, at least one.
         """
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
-                u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.disturbance_dim)
+                u, v = self.inputs[j], np.linspace(-0.5, 0.5, vector_field.disturbance_dim)
 
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]

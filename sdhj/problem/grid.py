@@ -544,12 +544,12 @@ class Window(Grid):
     whole: Any = None  # the Grid of which it is a window
     first: tuple[int, ...] = ()  # the index in it of the window's first node, on each axis
 
-    def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
-        """The window of shape[axis] nodes of each axis of the grid `whole`, from the node first[axis] on."""
+    def __init__(self, of: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
+        """The window of shape[axis] nodes of each axis of the grid `of`, from the node first[axis] on."""
         for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
-            object.__setattr__(self, name, getattr(whole, name))
+            object.__setattr__(self, name, getattr(of, name))
         object.__setattr__(self, "shape", tuple(shape))
-        object.__setattr__(self, "whole", whole)
+        object.__setattr__(self, "whole", of)
         object.__setattr__(self, "first", tuple(first))
 
     @property

@@ -540,6 +540,6 @@ def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
     """The two axes for x and y of the set `name`, as a tuple of int; ValueError unless they are two whole numbers."""
-    if len(pair := axis_numbers(axes, name)) != 2:
+    if len(both := axis_numbers(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
-    return pair
+    return both

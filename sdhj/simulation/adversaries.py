@@ -227,8 +227,8 @@ def greedy(moment: Moment) -> FloatArray:
     # with 0 it holds a state on a ridge of the game's value, as straight ahead of a car
     if moment.substep % (SUBSTEPS // TURNS):
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
-    none, count = np.zeros(moment.bounds.shape[1]), len(moment.states)
-    signs = np.concatenate([at_vertices(none, np.eye(len(none))), none[None]])
+    still, count = np.zeros(moment.bounds.shape[1]), len(moment.states)
+    signs = np.concatenate([at_vertices(still, np.eye(len(still))), still[None]])
     held, ahead = np.tile(moment.inputs, len(signs)), np.tile(moment.states, (len(signs), 1))
     v, least = np.concatenate([sign * moment.bounds for sign in signs]), np.full(len(held), np.inf)
     h = moment.remaining / STRIDES
@@ -329,7 +329,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
     """
     problem, count = sight.problem, len(sight.states)
     vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
-    best, worst = np.zeros_like(sight.states), np.full(count, -np.inf)
+    best, score_of_best = np.zeros_like(sight.states), np.full(count, -np.inf)
     t, span = problem.time(sight.step), np.full(count, problem.delta)
     for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
         errors = np.tile(vertex, (count, 1))
@@ -337,7 +337,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
         ends = states_under_vertices(sight, sight.starting, np.maximum(inputs, 0), t, span)
         score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
         score = np.where(inputs < 0, LOST, score)
-        best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
+        best, score_of_best = np.where((score > score_of_best)[:, None], errors, best), np.maximum(score_of_best, score)
     return best
 
 

@@ -492,8 +492,8 @@ class HJIGames(_OnAxes):
             fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
             known = None if moving else self.counted.get(axes)
             steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
-        terms_of_inputs = grid.size < FEW and not (self.early or timed or (self.joint and not avoid))
-        calls = sum(set(steps)) if terms_of_inputs else sum(steps)
+        together = grid.size < FEW and not (self.early or timed or (self.joint and not avoid))
+        calls = sum(set(steps)) if together else sum(steps)
         self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
         more = 0.0
         if moving:

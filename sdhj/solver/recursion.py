@@ -283,9 +283,9 @@ class InputRows:
             at = np.arange(self.grid.size // nodes)[None] if whole else np.stack([self._part_at(some) for some in axes])
             sizes = [self.grid.subgrid(some).size for some in axes]
             ends = np.cumsum([0, *(number * size for size in sizes[:-1])])
-            begin = ends[:, None] + np.outer(sizes, np.arange(number))
+            starts = ends[:, None] + np.outer(sizes, np.arange(number))
             widths = np.array([nodes if last in some else 1 for some in axes])
-            self._known_lines[axes, number] = begin, at, widths, nodes
+            self._known_lines[axes, number] = starts, at, widths, nodes
         return self._known_lines[axes, number]
 
     def of_planes(self, planes: FloatArray) -> FloatArray:

@@ -245,9 +245,9 @@ class LookupTable(Table):
         """
         has_no_target, steps = self.problem.has_no_target, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
-        index, kept = entries(steps)[:, 1].copy(), slice(last, last + 1) if has_no_target else slice(0, last + 1)
+        index, span = entries(steps)[:, 1].copy(), slice(last, last + 1) if has_no_target else slice(0, last + 1)
         recent = self.marks[max(last - QUIET, 0) + 1 : last + 1]
-        tubes = self.tubes[kept].copy()  # frees the space of all others
+        tubes = self.tubes[span].copy()  # frees the space of all others
         if has_no_target:
             tubes = np.concatenate([cells_inside(self.grid, tubes[0] <= 0)[None].astype(tubes.dtype), tubes])
         return replace(
@@ -255,7 +255,7 @@ class LookupTable(Table):
             problem=replace(self.problem, steps=steps),
             index=np.zeros_like(index) if has_no_target else index,
             tubes=tubes,
-            marks=np.bitwise_and.reduce(recent)[None] if has_no_target else self.marks[kept].copy(),
+            marks=np.bitwise_and.reduce(recent)[None] if has_no_target else self.marks[span].copy(),
             avoid=replace(self.avoid, moving=self.avoid.moving[:steps]),
         )
 

@@ -26,9 +26,9 @@ def explore_interval(nodes: int = 49) -> Explorer:
 
     def draw(figure: Figure, show: str, hold: float, wind: float, heading: float, x: float, y: float) -> Numbers:
         game, coarse = (solved(count, hold, wind, heading) for count in (nodes, nodes // 2 + 1))
-        played = boat.play(game.problem, (x, y))
-        boat.draw_one_step(figure.subplots(), game, show=show, starts=[("$q$", played)])
-        q, won = np.array([[x, y]]), played.costs <= 0
+        runs = boat.play(game.problem, (x, y))
+        boat.draw_one_step(figure.subplots(), game, show=show, starts=[("$q$", runs)])
+        q, won = np.array([[x, y]]), runs.costs <= 0
         cost, rough = (float(one.problem.grid.interpolate(one.cost, q)[0]) for one in (game, coarse))
         values, name = {
             "reach": (game.reach, "reach set"),
@@ -39,7 +39,7 @@ def explore_interval(nodes: int = 49) -> Explorer:
             f"share of the lake in the {name}": game.problem.grid.fraction(values <= 0),
             "cost of q, Eq. (6)": cost,
             "on half the nodes": rough,
-            "costliest run": float(played.costs.max()),
+            "costliest run": float(runs.costs.max()),
             "runs won": f"{int(won.sum())} of {won.size}",
         }
 

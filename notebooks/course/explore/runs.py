@@ -66,10 +66,10 @@ def explore_run(
     )
 
 
-def _closest(problem: ReachAvoidProblem, played: Any) -> FloatArray:
+def _closest(problem: ReachAvoidProblem, run: Any) -> FloatArray:
     """The least clearance up to each time, m, negated: positive after a collision (the second term of Eq. (5))."""
     clearances = [
-        problem.unsafe_value(state[None], float(t))[0] for state, t in zip(played.states, played.times, strict=True)
+        problem.unsafe_value(state[None], float(t))[0] for state, t in zip(run.states, run.times, strict=True)
     ]
     return -np.minimum.accumulate(clearances)
 

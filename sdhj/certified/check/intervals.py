@@ -106,9 +106,9 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
     low, high = outward(least, most, least=TINY)
     if np.all(least) and np.all(most):  # no end is moved across 0 but from 0
         return low, high
-    alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
+    same_sign = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
-    return np.where(alike, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)  # check 6.7
+    return np.where(same_sign, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)  # check 6.7
 
 
 def mul(a: Interval, b: Interval) -> Interval:
@@ -246,8 +246,8 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)  # check 6.15
     if side is not None:
         x = np.where(x[0] == 0, -0.0, x[0]), x[1] + 0.0  # a zero of either sign
-        above, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
-        y = (above, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))  # check 6.17
+        upper, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
+        y = (upper, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))  # check 6.17
         jump = np.array(False)
     low, high = outward(*hull_at_corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
@@ -274,9 +274,9 @@ def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
     first, last = np.floor(laps[0]), np.floor(laps[1])
     if side is not None:
         first, last = (np.where(last - first == 1, (first, last)[side], own) for own in (first, last))  # check 6.18
-    rest, (least, most) = sub(a, mul((first, last), b)), (np.minimum(b[0], 0.0), np.maximum(b[1], 0.0))
-    low = np.where(first == last, np.maximum(rest[0], least), least)  # check 6.16
-    high = np.where(first == last, np.minimum(rest[1], most), most)
+    remainder, (least, most) = sub(a, mul((first, last), b)), (np.minimum(b[0], 0.0), np.maximum(b[1], 0.0))
+    low = np.where(first == last, np.maximum(remainder[0], least), least)  # check 6.16
+    high = np.where(first == last, np.minimum(remainder[1], most), most)
     return unless(~np.isfinite(first) | ~np.isfinite(last), low, high)
 
 

@@ -1181,10 +1181,10 @@ class Robot(Sets):
         open_, numbers : as for `narrow`. swept (P, parts, 2, ndim) : how far ends of cells move in each part.
         rows : for each input of `open_`, in its order, which of these P are its open cells'.
         """
-        some, sizes = np.concatenate([own[step] for own in open_.values()]), [own.size for own in rows]
-        inputs = np.array([*open_]).repeat(sizes)
+        some, counts = np.concatenate([own[step] for own in open_.values()]), [own.size for own in rows]
+        inputs = np.array([*open_]).repeat(counts)
         left = ~self.clear_in_slabs(step, inputs, numbers[some], swept, np.concatenate(rows))
-        ends = np.cumsum([0, *sizes]).tolist()
+        ends = np.cumsum([0, *counts]).tolist()
         for own, (begin, end) in zip(open_.values(), pairwise(ends), strict=True):
             own[step] = some[begin:end][left[begin:end]]
 

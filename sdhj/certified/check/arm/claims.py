@@ -157,13 +157,13 @@ def refuse_large(world: World, steps: int) -> None:
     edges = [float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y)]
     places = np.abs(disks) @ np.array([[1, 1, end, end, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0, 1]]).T
     angles = (np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])) * LONGEST_LENGTH / LARGEST_ANGLE
-    sizes = np.array([*world.arm, world.agent[1], *moves, *edges, *places.ravel(), *angles])
+    numbers = np.array([*world.arm, world.agent[1], *moves, *edges, *places.ravel(), *angles])
     least = min(world.delta, world.push, world.agent[0], world.arm[0] - 1e-3, world.arm[1] - 1e-3)
-    if not (sizes <= LONGEST_LENGTH).all() or not least >= 0.0:  # check 7.1
+    if not (numbers <= LONGEST_LENGTH).all() or not least >= 0.0:  # check 7.1
         raise ValueError(
             f"the check's bound on rounding holds for links of at least 1 mm and lengths, places and moves in one "
             f"interval from 0 to {LONGEST_LENGTH:g} (metres, radians); this file has links of {world.arm[0]:g} and "
-            f"{world.arm[1]:g} m and numbers up to {sizes.max():g}"
+            f"{world.arm[1]:g} m and numbers up to {numbers.max():g}"
         )
 
 

@@ -238,20 +238,20 @@ def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
         added.
     """
     n2, steps = world.q2.size - 1, len(stored.allowed)
-    clear, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])
+    room, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])
     for number in range(len(rows)):
         row = rows[number]
         i1, i2 = row // n2, row % n2
         bench = bench_of(i1, i2, world)
         for j in range(len(world.inputs)):
-            clear_of_claims(row, j, ids, marks, world, bench, clear)
+            clear_of_claims(row, j, ids, marks, world, bench, room)
             ends1, ends2 = stored.ends1[j, i1], stored.ends2[j, i2]
             for start, kind in np.ndindex(len(ids), 4):
                 known = -1
                 for bit in range(ids.shape[2]):
                     if not marks[kind, ids[start, row, bit], j]:
                         continue
-                    good = start < steps and stored.allowed[start, j, i1, i2] and has(clear, bit)
+                    good = start < steps and stored.allowed[start, j, i1, i2] and has(room, bit)
                     if good and kind < 3:
                         within = ahead[kind // 2, start, row, bit]
                         if within != known and within > 0:
