@@ -23,6 +23,7 @@ class Claim:
     number : how many were not proved; None: as many as there are `failures`.
     boundary : how many of the cells of which a claim is made, and of those checked, have a neighbour outside their set;
         None where that means nothing.
+    beside : how many the file says besides, of cells of which nothing is promised; they were not looked at.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Claim:
     failures: Sequence[str]
     number: int | None = None
     boundary: tuple[int, int] | None = None
+    beside: int = 0
 
     @property
     def failed(self) -> int:
@@ -43,6 +45,7 @@ class Claim:
         verdict = held if self.failed == 0 else f"{self.failed:,} NOT proved"
         edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
         line = f"{self.name}: {self.checked:,} of {self.made:,} checked{edge}, {verdict}"
+        line += f"; {self.beside:,} of cells that are not promised were not looked at" if self.beside else ""
         return "\n".join([line, *(f"    {failure}" for failure in self.failures[:SHOWN])])
 
 

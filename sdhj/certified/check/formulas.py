@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.certified.check.bits import Array
-from sdhj.certified.check.intervals import JUMPS, RULES, TRUTHS, Interval, gridded, sure
+from sdhj.certified.check.intervals import JUMPS, RULES, TRUTHS, Array, Interval, gridded, sure
 from sdhj.certified.check.reading import expect
 
 MOST_LINES = 100_000  # of a formula

@@ -14,11 +14,12 @@ import math
 from collections.abc import Callable, Iterator
 from functools import reduce
 from itertools import product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdhj.certified.check.bits import Array
-
+Array = NDArray[Any]
 Interval = tuple[Array, Array]
 
 UNIT = 2.0**-52

@@ -22,7 +22,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdhj.certified.check.bits import Array
+from sdhj.certified.check.intervals import Array
 
 FEW_DIGITS = 14  # of a decimal that is no rounded number, such as that of pi
 MOST_COUNTED = 1000  # parts, and levels of an input

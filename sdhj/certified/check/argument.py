@@ -1,0 +1,903 @@
+"""Why the certified sets of a file hold, for any robot: every claim derived anew, box by box, in NumPy.
+
+A cell is a box of states. The file says which cells each of its sets S_k^n has: from every state of such a cell the
+target is reached within n intervals from step k on, clear of the unsafe sets at every instant, whatever the adversary
+does (without a target: the state stays clear for n intervals). It says why, too: where each input leads (`low`,
+`high`), from which cells it is clear (`clear`), and which inputs lead into the target itself (`arrives`). All of this is
+proved here, with the numbers of the file and with nothing of the solver; rounding is outward.
+
+To be read in this order; the number is that of the obligation in `sdhj.certified.sets`, and a function ends with what
+is refused without it:
+
+1.  `Argument.uncovered`          cells cover each axis, in fractions
+2.  `Argument.driven`, `piece`    where the state can be during an interval and at its end (Mueller's theorem)
+2.  `Argument.moves_hold`         the cells that an input is said to lead to hold all of that
+3.  `Argument.leads`, `not_nearer`  every cell of an image is in the next set, and the input is clear
+3.  `Argument.do_not_grow`        S_k^n holds S_k^{n-1}, or without a target is a part of it
+4.  `Argument.not_clear`          what is swept in each part of the interval meets no unsafe set and no unsafe end
+5.  `Argument.ends`               all states of a cell count: functions are bounded over boxes, never sampled
+6.  (of the arm alone: its pursuer is an axis like any other here)
+7.  `outward` in `intervals`, and the margins below: every end is rounded outward
+8.  `NEAR`, `STICKS`              a state so near to a cell counts as in it; an image may stick out by so little
+9.  `Argument.goals_hold`, `arrivals_hold`  a goal, or all of an image, is in the target; goals are outside unsafe sets
+10. `Argument.far_off`, `off_at`, `carried_on`  measurements err, come late, at times that are off; what memory keeps
+
+What the file states of the problem is read by `stated`, formulas by `formulas`, which bounds them by the rules of
+`intervals`. The eleventh obligation, that a controller finds what is proved, is no claim of a file; tests ask it.
+
+What is claimed is what is promised: moves and clear inputs of the cells that some S_k^n with n >= 1 has, without a
+target S_k^1. What the file says of other cells serves who has lost his promise; it is proved with `everywhere`, and
+counted otherwise.
+"""
+
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from itertools import pairwise, product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
+from sdhj.certified.check.intervals import Array
+from sdhj.certified.check.reading import (
+    MOST_COUNTED,
+    MOST_ON_AN_AXIS,
+    array,
+    decimal,
+    expect,
+    fraction,
+    is_whole,
+    reals,
+)
+from sdhj.certified.check.stated import BlackBox, Function, Part, Problem, Times, entry, flags, listed
+
+# Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
+NEAR = 1e-10  # a state so near to a cell counts as in it
+STICKS = 2e-13  # of its cells, what an image may; and what rounding here adds
+ROUNDED = 1e-15  # a difference of two coordinates
+ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it
+AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
+WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
+TRIES = 30  # to find such boxes
+FINER = ((1, False), (1, True), (8, True), (64, True))  # pieces of a part, and whether ends move as in their face
+DEEPEST = 6  # times that a box of states is halved along each axis
+NEAREST = 8  # times that boxes are halved to tell how near predictions stay
+STRIDES = 8  # in which a controller moves a measurement on
+TILE = 8  # cells along an axis that are looked at together first
+SLAB = 1 << 15  # boxes that are looked at at once
+PLACES = 1 << 16  # whose tubes are in memory at once
+SHOWN = 5  # failures that are named
+OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower and the upper ends of boxes
+
+# of boxes (2, axes, M) to where something holds all over them, and where it nowhere does, both (M,) bool
+Holds = Callable[[Array], tuple[Array, Array]]
+
+
+class Tubes(NamedTuple):
+    """How far the ends of the boxes at some places move under an input in one interval, rounded outward.
+
+    rows (places,) : by the number of a place its column here. swept (parts, 2, ndim, P) : the farthest in each part.
+    whole (2, ndim, P) : the farthest in all of it. last (2, ndim, P) : at the end, whenever that is, to what is then
+    predicted or carried on.
+    """
+
+    rows: Array
+    swept: Array
+    whole: Array
+    last: Array
+
+
+def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
+    """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,) bool.
+
+    What is open after halving so many times counts as not proved.
+    """
+    out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth if along.any() else 0)]
+    while left:
+        some, of, more = left.pop()
+        some, of = some[:, :, out[of]], of[out[of]]
+        yes, no = holds(some)
+        out[of[no if more else ~yes]] = False
+        for axis in np.flatnonzero(along) if more else ():
+            some, of = some[:, :, (open_ := ~yes & out[of])], of[open_]
+            middle = some[:, axis].mean(axis=0)
+            some, of, yes = np.concatenate([some] * 2, axis=2), np.tile(of, 2), np.zeros(2 * of.size, np.bool_)
+            some[1, axis, : middle.size] = some[0, axis, middle.size :] = middle
+        begins = range(0, of.size if more else 0, SLAB)
+        left += [(some[:, :, at : at + SLAB], of[at : at + SLAB], more - 1) for at in begins]
+    return out
+
+
+def in_slabs(holds: Callable[[Array], Array], cells: Array) -> Array:
+    """holds(cells), (M,) bool, called with at most `SLAB` of the cells (ndim, M) at once."""
+    begins = range(0, max(cells.shape[1], 1), SLAB)
+    return np.concatenate([holds(cells[:, begin : begin + SLAB]) for begin in begins])
+
+
+class Argument:
+    """What a file says of a robot, and the argument that it holds: `claims` goes through all of it.
+
+    counts (ndim,) : of cells, layers included. known (ndim,) : bool, the axes that a cell's moves depend on; a place is
+    the part of a cell on these. low, high (starts, inputs, places, ndim) int16 : the first and the last cell that an
+    input leads to, less the cell's own. clear (starts, cells, bytes), arrives (starts, sites, bytes) uint8 : an input
+    is a bit. edges : the ends of the cells of each axis, (n + 1,), as the nearest floats. sites (ndim,) : strides of the part of a cell that moves and target depend on. off (ndim,) : E.
+    """
+
+    def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any = None) -> None:
+        """Read a file; ValueError with a sentence where something does not fit. given : the problem beside it."""
+        self.problem = Problem(head, arrays, given)
+        robot = self.problem
+        self.scale = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
+        self.near, self.room = NEAR * self.scale, ROOM * robot.spacing
+        self.walls, self.safe, self.unsafe = (
+            np.array([[end == name for end in pair] for pair in robot.ends]) & ~robot.periodic[:, None]
+            for name in ("wall", "safe", "unsafe")
+        )
+        self.length = robot.delta + 2 * robot.jitter  # of an interval, at most
+        self.always = 0.0 - robot.jitter, self.time(robot.steps) + self.length
+        expect(not (robot.jitter and robot.timed), "with jitter the velocity must not depend on time", robot.jitter)
+        fields = "kind shape lowers widths extents"
+        self.read_cells(entry("cells", head["cells"], fields, "layers periodic"), arrays)
+        self.read_proof(entry("the proof", head["proof"], "parts own unsure", "arrives"), arrays)
+        self.read_sets(head, arrays)
+
+    # ---- what the file says
+
+    def read_cells(self, stated: Mapping[str, Any], arrays: Any) -> None:
+        """Read the cells of each axis, and the pool of packed rows that sets are made of."""
+        n, robot = self.problem.ndim, self.problem
+        expect(stated["kind"] == "enclosed", "cells must be those of a robot", stated["kind"])
+        closes = stated.get("periodic", robot.periodic.tolist())
+        expect(closes == robot.periodic.tolist(), "cells must close where the axes do", closes)
+        shape = listed("the numbers of cells", stated["shape"], n)
+        expect(all(is_whole(one, 2, MOST_ON_AN_AXIS) for one in shape), "shape must be numbers of cells", shape)
+        ends = [listed("an extent", one, 2) for one in listed("extents", stated["extents"], n)]
+        columns = listed("lowers", stated["lowers"], n), listed("widths", stated["widths"], n), ends
+        self.axes = [(fraction(a), fraction(w), *map(fraction, pair)) for a, w, pair in zip(*columns, strict=True)]
+        layers = listed("layers", stated.get("layers", [[0, 0]] * n), n)
+        whole = all(is_whole(one, 0, 1) for pair in layers for one in listed("layers of an axis", pair, 2))
+        expect(whole, "layers must be 0 or 1 at both ends of each axis", layers)
+        self.counts, self.layers, self.edges = np.array(shape), layers, list[Array]()
+        for cells, (low, width, least, most), (a, b) in zip(shape, self.axes, layers, strict=True):
+            begin, end = float(low), float(low + (least + most) / 2)
+            inner = [float(low + i * width) for i in range(cells - a - b)]
+            self.edges.append(np.array([*[begin] * a, *inner, end, *[end] * b]))  # both ends of a layer are the same
+        self.widths = [float(width) for _, width, *_ in self.axes]
+        rows, packed = math.prod(shape[:-1]), -(-shape[-1] // 64)
+        self.index = array(arrays, "index", np.uint32, None, rows)
+        expect(len(self.index) > 0, "there must be sets", self.index.shape)
+        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, packed)
+        beyond = self.pool[:, -1] >> np.uint64(shape[-1] % 64) if shape[-1] % 64 else np.zeros(1)
+        expect(not beyond.any(), "the sets must have no cells that there are not", shape[-1])
+
+    def read_proof(self, stated: Mapping[str, Any], arrays: Any) -> None:
+        """Read the parts of an interval, the axes of a place, E, moves, clear inputs and arrivals."""
+        robot, self.parts = self.problem, stated["parts"]
+        expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
+        self.known = flags("axes of a place", stated["own"], robot.ndim)
+        self.strides = self.strides_of(self.known)
+        self.off = np.array(reals("unsure", stated["unsure"], robot.ndim, 0.0))
+        expect(bool((self.off >= robot.error).all()), f"predictions are off by {robot.error} at least", self.off)
+        prompt = robot.delay > 0 or bool((self.off == robot.error).all())
+        expect(prompt, f"predictions without a delay are off by {robot.error}", self.off)
+        places = math.prod(self.counts[self.known].tolist())
+        starts = robot.steps if robot.timed else 1
+        self.low, self.high = (
+            array(arrays, name, np.int16, starts, robot.count, places, robot.ndim) for name in ("low", "high")
+        )
+        expect(bool((self.low <= self.high).all()), "an input must lead to some cell, from low to high", "low > high")
+        self.moving = robot.timed or any(part.moving for part in robot.unsafe)
+        cells, marks = math.prod(self.counts.tolist()), -(-robot.count // 8)
+        self.clear = array(arrays, "clear", np.uint8, robot.steps if self.moving else 1, cells, marks)
+        self.arrives, self.sites = np.zeros((0, 0, 0), np.uint8), 0 * self.counts
+        arrives = stated.get("arrives", False)
+        expect(isinstance(arrives, bool), "arrives must be true or false", arrives)
+        if arrives and robot.target is not None and not robot.sensed:
+            some = self.known.copy()
+            some[robot.target.axes] = True
+            self.sites, starts = self.strides_of(some), robot.steps if robot.timed or robot.target.moving else 1
+            self.arrives = array(arrays, "arrives", np.uint8, starts, math.prod(self.counts[some].tolist()), marks)
+        # who measures does not know that he is in the target but by the cells of a goal
+        fits = not arrives or len(self.arrives) > 0
+        expect(fits, "only states that are known may be led into a target itself", arrives)
+
+    def read_sets(self, head: Mapping[str, Any], arrays: Any) -> None:
+        """See for how many steps there are sets: for each pair (k, n), for each n, or one that holds for ever."""
+        steps, entries = self.problem.steps, len(self.index)
+        self.alike = entries != (steps + 1) * (steps + 2) // 2  # whatever the step
+        moving = self.moving or (self.problem.target is not None and self.problem.target.moving)
+        fits = not self.alike or (entries in (1, steps + 1) and not moving)
+        expect(fits, "there must be sets for each step, or for all alike where nothing moves", self.index.shape)
+        endless = dict(head["details"]).get("endless", False)
+        expect(isinstance(endless, bool), "endless must be true or false", endless)
+        fits = not endless or self.problem.target is not None or entries == 1
+        expect(fits, "sets that hold for ever must be one that leads into itself", self.index.shape)
+
+    def strides_of(self, some: Array) -> Array:
+        """The strides of the numbers of what cells are on `some` axes, 0 on the others."""
+        each = np.where(some, self.counts, 1)
+        return np.where(some, np.cumprod([1, *each[:0:-1]])[::-1], 0)
+
+    def time(self, step: int) -> float:
+        """When the input of a step begins to act, s, apart from jitter."""
+        return step * self.problem.delta + self.problem.delay
+
+    def cuts(self, pieces: int) -> list[float]:
+        """Where the interval is cut, s from its begin: each part into so many pieces, the same for parts and pieces."""
+        whole = self.parts * pieces
+        return [self.length * (at / whole) for at in range(whole + 1)]
+
+    def ends(self, cells: Array, wider: Any = 0.0) -> Array:
+        """The lower and the upper ends of cells (ndim, M), indices, moved outward by `wider`: (2, ndim, M)."""
+        both = [[edge[own + side] for edge, own in zip(self.edges, cells, strict=True)] for side in (0, 1)]
+        return np.array(both) + OUT * np.reshape(wider, (-1, 1))
+
+    def cells_at(self, places: Array, strides: Array) -> Array:
+        """A cell (ndim, M) at each place or site (M,): the one with index 0 on the axes that these have not."""
+        own = zip(strides.tolist(), self.counts.tolist(), strict=True)
+        return np.array([places // stride % n if stride else 0 * places for stride, n in own])
+
+    def bits(self, step: int, within: int) -> Array:
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest. Alike: whatever the step."""
+        row = step * (self.problem.steps + 1) - step * (step - 1) // 2 + within
+        row = min(within, len(self.index) - 1) if self.alike else row
+        blocks = self.pool[self.index[row]].view(np.uint8)
+        return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
+
+    # ---- 1: cells
+
+    def uncovered(self) -> list[str]:
+        """What is wrong with the cells of each axis: they must cover it, and move alike where no place is asked.
+
+        A layer, a cell of no width, must be at a wall.
+        """
+        wrong, robot = list[str](), self.problem
+        for k, (n, (low, width, least, most)) in enumerate(zip(self.counts.tolist(), self.axes, strict=True)):
+            inner, length = n - sum(self.layers[k]), decimal(robot.upper[k]) - decimal(robot.lower[k])
+            doubt = length / 2**40 if robot.periodic[k] else Fraction(0)  # a period may be no fraction
+            fits = low == decimal(robot.lower[k]) and least <= length <= most and most - least <= doubt
+            if not (fits and (inner - 1) * width < least and inner * width >= most):
+                wrong.append(f"axis {k}: {inner} cells of width {float(width):.6g} do not cover it")
+            if any(layer and not (self.walls[k, side] and self.known[k]) for side, layer in enumerate(self.layers[k])):
+                wrong.append(f"axis {k}: a layer where no wall holds")
+            if not self.known[k]:
+                wrong += [] if self.alike_along(k, inner * width - most) else [f"axis {k}: its cells do not move alike"]
+        return wrong
+
+    def alike_along(self, k: int, beyond: Fraction) -> bool:
+        """Whether all cells along an axis of no place move alike: as wide, and a wall holds back what has one velocity.
+
+        A state that a wall holds back is then where it would be without the wall, clipped. beyond : how much longer
+        than the axis its cells are together.
+        """
+        if self.problem.periodic[k]:
+            return abs(beyond) <= STICKS * self.scale[k]
+        return not self.walls[k].any() or self.problem.steady(k)
+
+    # ---- functions over the parts of boxes that are on the grid
+
+    def on_grid(self, axes: Sequence[int], box: Array, bounds: Callable[[Array, Array, Array], Any]) -> Array:
+        """Bounds of a function over boxes (2, axes, M), clipped at ends, in two halves where an axis closes.
+
+        (2, results, M), infinite where nothing is known. bounds : called with lower and upper ends, and of which box.
+        """
+        box, count, robot = box.copy(), box.shape[2], self.problem
+        of = np.arange(count)
+        for row, k in enumerate(axes):
+            least, most, (a, b) = robot.lower[k], robot.upper[k], box[:, row]
+            if not robot.periodic[k]:
+                np.clip(box[:, row], least, most, out=box[:, row])
+                continue
+            full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)
+            a[:], b[:] = np.where(full, least, np.clip(a - turns, least, most)), np.where(full, most, b - turns)
+            if (over := np.flatnonzero(b > most)).size:
+                second = box[:, :, over]
+                second[0, row], second[1, row] = least, b[over] - (most - least)
+                b[over] = most
+                box, of = np.concatenate([box, second], axis=2), np.concatenate([of, of[over]])
+        found = np.array(bounds(box[0], box[1], of))
+        found[0][np.isnan(found[0])], found[1][np.isnan(found[1])] = -np.inf, np.inf
+        for row in range(found.shape[1]) if len(of) > count else ():
+            np.minimum.at(found[0, row], of[count:], found[0, row, count:])
+            np.maximum.at(found[1, row], of[count:], found[1, row, count:])
+        return found[:, :, :count]
+
+    def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> Array:
+        """Bounds of the velocity under u_j over boxes (2, ndim, M) and times: (2, ndim, M)."""
+        of = self.problem.velocity
+        return self.on_grid(range(len(box[0])), box, lambda low, high, _: of(j, low, high, times, pushed))
+
+    def value(self, part: Part, one: Function, box: Array, times: Times) -> Array:
+        """Bounds of a function of a set over boxes on its axes, (2, axes, M), and times: (2, M)."""
+        found = self.on_grid(part.axes, box, lambda low, high, _: np.array(one.bounds(low.T, high.T, times)).swapaxes(1, 2))
+        return found[:, 0]
+
+    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
+        """Whether boxes (2, axes, M) are outside a set at all times: all functions that it is the least of are > 0."""
+        out, every = np.ones(box.shape[2], np.bool_), np.ones(len(part.axes), np.bool_)
+        for one in part.function.least_of:
+
+            def above(some: Array, one: Any = one) -> tuple[Array, Array]:
+                least, most = self.value(part, one, some, times)
+                return least > 0, most <= 0
+
+            left = np.flatnonzero(out)
+            out[left] = everywhere(above, box[:, :, left], every, depth)
+        return out
+
+    def inside(self, part: Part, box: Array, times: Times) -> Array:
+        """Whether boxes (2, axes, M) are inside a set at all times: its function is <= 0."""
+
+        def below(some: Array) -> tuple[Array, Array]:
+            least, most = self.value(part, part.function, some, times)
+            return most <= 0, least > 0
+
+        return everywhere(below, box, np.ones(len(part.axes), np.bool_), DEEPEST)
+
+    # ---- 2: moves
+
+    def boxes(self, places: Array) -> Array:
+        """The states that count as at places (M,), (2, ndim, M): whole axes where a place has none."""
+        whole = np.array([self.problem.lower, self.problem.upper])[:, :, None]
+        return np.where(self.known[:, None], self.ends(self.cells_at(places, self.strides), self.near), whole)
+
+    def driven(self, places: Array, j: int, start: int, pieces: int, faces: bool) -> tuple[Array, Array]:
+        """How far the ends of the boxes at places (M,) move under u_j in the interval from a step: swept, and last.
+
+        As `Tubes` has them. With these added a box holds all that can be reached, whatever the adversary does; infinite
+        where no such box is found. pieces : of each part. faces : see `piece`.
+        """
+        robot, at = self.problem, self.boxes(places)
+        hold = (self.walls & self.known[:, None]).T[:, :, None]
+        bars = np.where(hold[0], robot.lower[:, None], -np.inf), np.where(hold[1], robot.upper[:, None], np.inf)
+
+        def held(moved: Array) -> Array:
+            """Displacements of ends, stopped where a wall is reached, rounded outward."""
+            stopped = np.clip(at + moved, *bars)
+            return np.where(stopped == at + moved, moved, stopped - at + OUT * ROUNDED * self.scale[:, None])
+
+        soonest = self.length - 4 * robot.jitter  # an interval may end from there on
+        begun, marks = self.time(start), self.cuts(pieces)
+        soon = [self.length * AT_FIRST] * any(map(any, self.layers))
+        moved = held(np.zeros_like(at) + OUT * self.off_at(places))
+        ending = moved.copy()  # the farthest that its end may be
+        swept, gain = np.empty((self.parts, *at.shape)), np.zeros_like(at)
+        for part in range(self.parts):
+            reached = moved.copy()
+            own = marks[part * pieces : (part + 1) * pieces + 1]
+            more = [one for one in (*soon, soonest) if own[0] < one < own[-1]]
+            for begin, end in pairwise(sorted({*own, *more})):
+                ending = moved if begin <= soonest else ending
+                box, times = at + np.where(self.known[:, None], moved, 0.0), (begun + begin, begun + end)
+                after = held(self.piece(box, moved, j, times, end - begin, gain * (end - begin), faces))
+                gain, moved = OUT * np.maximum(OUT * (after - moved) / (end - begin), 0.0), after
+                reached, ending = farther(reached, moved), farther(ending, moved)
+            swept[part] = reached
+        last = ending if robot.jitter else moved
+        return swept, held(self.carried_on(at, last) if robot.memory else last + OUT * self.off[:, None])
+
+    def piece(self, box: Array, moved: Array, j: int, times: Times, h: float, far: Array, faces: bool) -> Array:
+        """How far the ends of boxes have moved after a piece of the interval that is h long, s: (2, ndim, M).
+
+        First an enclosure is looked for that no state leaves in the piece: with every velocity in it the box, moved for
+        up to h, stays inside. Then each end moves with the extreme velocity in the enclosure; or, with `faces`, along
+        axes whose velocity depends on their own coordinate, with that in the face of the enclosure that the end passes
+        (Mueller): a state is beyond the end only if it was on it before, and was faster there.
+
+        box (2, ndim, M) : the ends as the piece begins. moved : how far they had moved. far : a guess of what is added.
+        """
+        known, h = self.known[:, None], h * (1 + 1e-15)
+        some, rounded = OUT * 0.1 * self.near[:, None], ROUNDED * self.scale[:, None]
+        out, far, left = np.empty_like(box), far.copy(), np.arange(box.shape[2])
+        for _ in range(TRIES):
+            own, reach = box[:, :, left], far[:, :, left]
+            enclosure = own + np.where(known, WIDER * reach + some, 0.0)
+            out[:, :, left] = found = self.velocity(j, enclosure, times)
+            now = np.array([h * np.minimum(found[0], 0.0), h * np.maximum(found[1], 0.0)])
+            fits = ~known | (OUT * (enclosure - own - now) > rounded)
+            stays = fits.all(axis=(0, 1))
+            far[:, :, left] = np.where(stays, now, np.where(fits, reach, 1.3 * now))
+            left = left[~stays]
+            if not left.size:
+                break
+        if faces and left.size < box.shape[2]:
+            # what is reached within the piece; a coordinate that cannot grow needs no room above, nor one below
+            enclosure = box + np.where(known, far + some * (far != 0), 0.0)
+            out = self.velocity(j, enclosure, times)
+            for axis, side in product(np.flatnonzero(self.known & self.problem.reads_itself), (0, 1)):
+                face = enclosure.copy()
+                face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes
+                out[side, axis] = self.velocity(j, face, times)[side, axis]
+        after = moved + h * out + OUT * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
+        after[:, :, left] = OUT * np.inf  # of which nothing is known
+        return after
+
+    def moves_hold(self, places: Array, start: int, j: int, last: Array) -> Array:
+        """Whether all that the cells at places (M,) are led to under u_j lies in the cells that the file says: (M,) bool.
+
+        last (2, ndim, M) : how far ends move. An image may stick out by `STICKS`.
+        """
+        fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places, self.strides), STICKS * self.scale
+        for k, (lower, width, least, most) in enumerate(self.axes):
+            own, wide, edges = cells[k], self.widths[k], self.edges[k]
+            low, high = (moves[start, j, places, k].astype(np.int64) for moves in (self.low, self.high))
+            first, past = low * wide, high * wide  # how far those cells are from this one, of cells all alike
+            if any(self.layers[k]):  # a layer has no width, but what is past the wall counts as in it
+                begin = float(lower - self.layers[k][0] * width)
+                first, past = begin + (own + low) * wide - edges[own], begin + (own + high + 1) * wide - edges[own + 1]
+            if self.problem.periodic[k] and self.known[k]:  # the last cell of a lap may be narrower
+                n, lap = self.counts[k], float((least + most) / 2)
+                first, past = (
+                    edges[at % n] + at // n * lap - edges[own + side]
+                    for side, at in enumerate((own + low, own + high + 1))
+                )
+            fits &= (first <= last[0, k] + sticks[k]) & (last[1, k] <= past + sticks[k])
+        return fits
+
+    # ---- 10: measurements that err
+
+    def off_at(self, places: Array) -> Array:
+        """How far the state may be off the cells at places (M,), (ndim, M): E, and 0 for who remembers to be in a layer."""
+        cells, layers = self.cells_at(places, self.strides), np.array(self.layers, np.bool_)[:, :, None]
+        at_wall = (layers[:, 0] & (cells == 0)) | (layers[:, 1] & (cells == self.counts[:, None] - 1))
+        return np.where(at_wall & self.known[:, None] & self.problem.memory, 0.0, self.off[:, None])
+
+    def carried_on(self, at: Array, last: Array) -> Array:
+        """How far ends move to the points that a controller with memory goes on with: (2, ndim, M).
+
+        They are E inside of what the state is led to, or its middle where that is empty; all of it where it lies in the
+        layer at a wall, and only there in a layer. at : the boxes. last : how far the ends of what is reached moved.
+        """
+        robot, near, sticks = self.problem, self.near[:, None], STICKS * self.scale[:, None]
+        less = last - OUT * self.off[:, None]
+        first, second = at + less
+        points = np.where((first > second) & self.known[:, None], (first + second) / 2 - at, less)
+        layers = np.array(self.layers, np.bool_)[:, :, None]
+        below, above = robot.lower[:, None] + near + sticks, robot.upper[:, None] - near - sticks  # within a layer
+        low, high = at + last
+        at_wall = (layers[:, 0] & (high <= below)) | (layers[:, 1] & (low >= above))
+        points[1] = np.maximum(points[1], np.where(layers[:, 0], below + sticks - at[1], -np.inf))
+        points[0] = np.minimum(points[0], np.where(layers[:, 1], above - sticks - at[0], np.inf))
+        return np.where(at_wall, last, points)
+
+    def far_off(self) -> list[str]:
+        """The inputs under which a prediction may be off by more than the file says, E, after the delay.
+
+        What is measured is moved on in strides by undisturbed velocities, at points no farther from where the stride
+        began than the fastest state gets meanwhile. It stays within E if delay * |velocity - undisturbed velocity|
+        is at most E less the error of a measurement, wherever state and prediction are within E.
+        """
+        robot, wrong, stride = self.problem, list[str](), self.problem.delay / STRIDES
+        places = np.arange(self.low.shape[2])
+        whole = np.array([robot.lower, robot.upper])[:, :, None]
+        boxes = np.where(self.known[:, None], self.ends(self.cells_at(places, self.strides)), whole)
+        allowed = (self.off - robot.error) * (1 + 1e-12) + ROUNDED * self.scale
+        begins = [step * robot.delta + stride * at for step in range(robot.steps) for at in range(STRIDES)]
+        inputs = range(robot.count if robot.delay else 0)
+        for j, begin in product(inputs, begins if robot.timed else begins[:1]):
+            times = begin, begin + stride
+            slow, fast = self.velocity(j, boxes, times)
+            travel = stride * np.array([np.minimum(slow, 0).min(axis=1), np.maximum(fast, 0).max(axis=1)])[:, :, None]
+
+            def near(box: Array, j: int = j, times: Times = times, travel: Array = travel) -> tuple[Array, Array]:
+                calm = self.velocity(j, box + travel, times, False)
+                wild = self.velocity(j, box + travel + OUT * self.off[:, None], times)
+                apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0]) * robot.delay
+                yes = (apart <= allowed[:, None]).all(axis=0)
+                return yes, np.zeros_like(yes)  # nothing surely fails: it is halved to the last
+
+            if not everywhere(near, boxes, self.known, NEAREST).all():
+                wrong.append(f"input {j}, from {begin:.3g} s on")
+        return wrong
+
+    # ---- 4: clear
+
+    def not_clear(self, step: int, j: int, asked: Array, tubes: Tubes) -> Array:
+        """From which of the cells `asked`, bool (*counts), it is not proved that u_j is clear in a step's interval.
+
+        Clear of unsafe ends, and of all sets that are unsafe under u_j; what has wholly left over a safe end is out of
+        danger. Cells that differ only on axes that play no part in a question are asked about once.
+        """
+        bad = np.zeros_like(asked)
+        for axes, holds in self.questions(step, j, tubes):
+            part_of_it = self.known | self.safe.any(axis=1)
+            part_of_it[axes] = True
+            some = (asked & ~bad).any(axis=tuple(np.flatnonzero(~part_of_it)), keepdims=True)
+            tiles = np.where(self.known | ~part_of_it, 1, TILE)
+            bad |= holds(some, tiles)
+        return bad & asked
+
+    def questions(self, step: int, j: int, tubes: Tubes) -> Iterator[tuple[list[int], Callable[[Array, Array], Array]]]:
+        """Yield what has to be asked of tubes: on which axes, and the function that answers for cells and tiles."""
+        for k in np.flatnonzero(self.unsafe.any(axis=1)).tolist():
+            yield [k], lambda some, _, k=k: self.past_an_end(k, some, tubes)
+        for part in self.problem.unsafe:
+            if part.inputs is None or j in part.inputs:
+                yield part.axes, lambda some, tiles, part=part: self.met(part, step, some, tiles, tubes)
+
+    def past_an_end(self, k: int, some: Array, tubes: Tubes) -> Array:
+        """From which cells, of those that are True in `some`, a tube may pass an unsafe end of an axis; bool as `some`."""
+
+        def stays(cells: Array) -> Array:
+            low, high = self.whole(cells, cells, tubes)[:, k]
+            robot, room = self.problem, self.room[k]
+            return ((low >= robot.lower[k] - room) | ~self.unsafe[k, 0]) & (
+                (high <= robot.upper[k] + room) | ~self.unsafe[k, 1]
+            )
+
+        out = some.copy()
+        out[some] = ~in_slabs(stays, np.array(np.nonzero(some)))
+        return out
+
+    def met(self, part: Part, step: int, some: Array, tiles: Array, tubes: Tubes) -> Array:
+        """From which cells, of those that are True in `some`, a tube may meet an unsafe set; bool as `some`.
+
+        Tiles of cells that move alike are looked at first, in one box each, then smaller ones, and where it is open
+        cell by cell and part by part.
+        """
+        at = self.time(step)
+        cuts = [at + cut for cut in self.cuts(1)] if part.moving else [self.always[0]] * self.parts + [self.always[1]]
+        late = self.problem.jitter if part.moving else 0.0
+        open_ = np.ones((1,) * some.ndim, np.bool_)
+        while True:
+            asked = in_tiles(some, tiles)
+            asked &= spread(open_, asked.shape)
+            cells = np.array(np.nonzero(asked))
+            alone = bool((tiles == 1).all())
+
+            def misses(first: Array, tiles: Array = tiles, alone: bool = alone) -> Array:
+                first = first * tiles[:, None]
+                past = np.minimum(first + tiles[:, None], np.array(some.shape)[:, None]) - 1
+                box = self.whole(first, past, tubes) + OUT * 2 * self.near[:, None]
+                good = self.outside(part, box[:, part.axes], (cuts[0] - late, cuts[-1] + late), 0)
+                left = np.flatnonzero(~good)
+                if alone and left.size:
+                    good[left] = self.misses_in_parts(part, first[:, left], cuts, late, tubes)
+                return good
+
+            asked[asked] = ~in_slabs(misses, cells)
+            if alone:
+                return asked
+            open_, tiles = asked, np.maximum(tiles // 2, 1)
+
+    def misses_in_parts(self, part: Part, cells: Array, cuts: list[float], late: float, tubes: Tubes) -> Array:
+        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool.
+
+        cuts : when parts begin and end, s. late : by how much that may be off.
+        """
+        good, ends, rows = np.ones(cells.shape[1], np.bool_), self.ends(cells, 2 * self.near), self.rows_of(cells, tubes)
+        there = self.not_gone(cells, tubes)
+        for number, (begin, end) in enumerate(pairwise(cuts)):
+            left = np.flatnonzero(good & there[number])
+            box = (ends[:, :, left] + tubes.swept[number][:, :, rows[left]])[:, part.axes]
+            times = (begin - late, end + late) if part.moving else self.always
+            good[left] = self.outside(part, box, times)
+        return good
+
+    def rows_of(self, cells: Array, tubes: Tubes) -> Array:
+        """Which of the tubes are those of cells (ndim, M): (M,)."""
+        return tubes.rows[self.strides @ cells]
+
+    def whole(self, first: Array, last: Array, tubes: Tubes) -> Array:
+        """The boxes (2, ndim, M) that tubes stay in from all cells from first to last (ndim, M), at one place each.
+
+        Of a single cell until its tube has left over a safe end.
+        """
+        rows = self.rows_of(first, tubes)
+        ends = np.array([self.ends(first)[0], self.ends(last)[1]])
+        if not self.safe.any() or (first != last).any():
+            return ends + tubes.whole[:, :, rows]
+        there = self.not_gone(first, tubes)[:, None, None]
+        return ends + farthest(np.where(there, tubes.swept[..., rows], tubes.swept[:1][..., rows]))
+
+    def not_gone(self, cells: Array, tubes: Tubes) -> Array:
+        """In which parts tubes from cells (ndim, M) may still be between the safe ends, (parts, M): once gone, gone."""
+        gone, robot = np.zeros((self.parts, cells.shape[1]), np.bool_), self.problem
+        for k in np.flatnonzero(self.safe.any(axis=1)):
+            low, high = tubes.swept[:, :, k][..., self.rows_of(cells, tubes)].swapaxes(0, 1)
+            gone |= (self.edges[k][cells[k] + 1] + high < robot.lower[k] - self.near[k]) & self.safe[k, 0]
+            gone |= (self.edges[k][cells[k]] + low > robot.upper[k] + self.near[k]) & self.safe[k, 1]
+        return ~np.logical_or.accumulate(gone, axis=0)
+
+    # ---- 9: the target
+
+    def goals_hold(self, numbers: Array, step: int) -> Array:
+        """Whether cells with flat numbers (M,) are inside the target and outside the unsafe sets at a step: (M,) bool.
+
+        With all that they may stand for, at all times that the step may be; without a target outside the unsafe sets.
+        A set that is unsafe under some inputs only is not asked about.
+        """
+        late, at = self.problem.jitter, self.time(step)
+        times = self.always if self.alike else (at - late, at + late)
+        box = self.ends(np.array(np.unravel_index(numbers, self.counts)), self.near + self.off)
+        out = np.ones(len(numbers), np.bool_)
+        for part in self.problem.unsafe:
+            out &= part.inputs is not None or self.outside(part, box[:, part.axes], times)
+        target = self.problem.target
+        return out if target is None else out & self.inside(target, box[:, target.axes], times)
+
+    def arrivals_hold(self, sites: Array, step: int, tubes: Tubes) -> Array:
+        """Whether all of what the cells at sites (M,) are led to is in the target at the end of a step's interval."""
+        target = self.problem.target
+        assert target is not None
+        cells, at = self.cells_at(sites, self.sites), self.time(step + 1)
+        moved = tubes.last[:, :, self.rows_of(cells, tubes)]
+        box = self.ends(cells, 2 * self.near) + moved
+        return np.isfinite(moved).all(axis=(0, 1)) & self.inside(target, box[:, target.axes], (at, at))
+
+    # ---- 3: steps
+
+    def do_not_grow(self) -> list[str]:
+        """The sets that lack a cell of the one with a step less to go; without a target, that have one more."""
+        wrong = []
+        for step, within in self.pairs:
+            if within:
+                row = [self.bits(step, within), self.bits(step, within - 1)]
+                less, more = row if self.problem.target is None else row[::-1]
+                wrong += [f"start {step}, within {within}"] * bool((less & ~more).any())
+        return wrong
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """The steps k and the steps to go n of all sets; of one for ever that it is there, and leads into itself."""
+        if len(self.index) == 1:
+            return [(0, 0), (0, 1)]
+        steps = self.problem.steps
+        return [(k, n) for k in range(1 if self.alike else steps + 1) for n in range(steps - k + 1)]
+
+    def not_nearer(self, step: int, within: int, chosen: Array) -> tuple[int, int, list[int]]:
+        """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or into the target itself.
+
+        With a target only of cells that S_k^{n-1} has not. How many there are, and how many of them are `chosen`, (cells,)
+        bool, before them.
+        """
+        new = self.bits(step, within)
+        if self.problem.target is not None:
+            new = new & ~self.bits(step, within - 1)
+        asked = new & chosen
+        sums = self.sums(self.bits(step + 1, within - 1)) if asked.any() else None
+        wrong: list[int] = []
+        for begin in range(0, new.size, SLAB * 8):
+            numbers = begin + np.flatnonzero(asked[begin : begin + SLAB * 8])
+            for j in range(self.problem.count):
+                if numbers.size:
+                    numbers = numbers[~self.leads(numbers, step, j, sums)]
+            wrong += numbers.tolist()
+        return int(new.sum()), int(asked.sum()), wrong
+
+    def leads(self, numbers: Array, step: int, j: int, sums: Any) -> Array:
+        """Whether u_j is clear from cells with flat numbers (M,) and leads all of each into a set, or into the target.
+
+        What has wholly left over a safe end by a cell counts as in the set. sums : of the set.
+        """
+        out = self.clear[min(step, len(self.clear) - 1)][numbers, j // 8] >> np.uint8(j % 8) & 1 == 1
+        left = np.flatnonzero(out)
+        cells = np.array(np.unravel_index(numbers[left], self.counts))
+        start, places = min(step, len(self.low) - 1), self.strides @ cells
+        first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
+        inside = self.all_in(first, past, sums)
+        for k, n in enumerate(self.counts.tolist()):
+            inside |= (past[k] < 0) & self.safe[k, 0] | (first[k] > n) & self.safe[k, 1]
+        if len(self.arrives):
+            marks = self.arrives[min(step, len(self.arrives) - 1), self.sites @ cells, j // 8]
+            inside |= marks >> np.uint8(j % 8) & 1 == 1
+        out[left] = inside
+        return out
+
+    def sums(self, cells: Array) -> Array:
+        """How many cells of a set, (cells,) bool, lie below each corner, int32; axes that close count twice over."""
+        cells = cells.reshape(self.counts)
+        for k in np.flatnonzero(self.problem.periodic):
+            cells = np.concatenate([cells, cells], axis=k)
+        out = np.zeros([n + 1 for n in cells.shape], np.int32)
+        out[(slice(1, None),) * cells.ndim] = cells
+        for k in range(cells.ndim):
+            np.cumsum(out, axis=k, out=out)
+        return out
+
+    def all_in(self, first: Array, past: Array, sums: Array) -> Array:
+        """Whether all cells of boxes from first to past (ndim, M) are in a set: as many of them as there are.
+
+        Boxes end with the grid, and go around where an axis closes. sums : of the set.
+        """
+        below, size = [np.zeros(first.shape[1], np.int64)], np.ones(first.shape[1], np.int64)
+        for k, n in enumerate(self.counts.tolist()):
+            a, b = first[k], past[k]
+            if self.problem.periodic[k]:
+                around, turns = b - a > n, a // n * n
+                a, b = np.where(around, 0, a - turns), np.where(around, n, b - turns)
+            else:
+                a, b = np.clip(a, 0, n - 1), np.clip(b, 1, n)
+            stride = math.prod(sums.shape[k + 1 :])
+            below = [at + side for at in below for side in (a * stride, b * stride)]
+            size *= b - a
+        flat, counted = sums.ravel(), np.zeros(first.shape[1], np.int64)
+        for corner, at in enumerate(below):
+            counted += flat[at] * (-1) ** (first.shape[0] - corner.bit_count())
+        return counted == size
+
+    # ---- all claims
+
+    def promised(self, steps: Sequence[int]) -> Array:
+        """Which cells some S_k^n with n >= 1 has, of these steps k; without a target S_k^1: (*counts) bool."""
+        total, one = self.problem.steps, self.problem.target is None
+        out = np.zeros(math.prod(self.counts.tolist()), np.bool_)
+        for k in steps[:1] if self.alike else steps:
+            out |= self.bits(k, 1 if one else total - k)  # the largest, as `do_not_grow` says
+        return out.reshape(self.counts)
+
+    def claims(
+        self, every: bool = False, samples: int | None = None, seed: int = 0, bar: Callable[..., Any] = iter
+    ) -> Iterator[Claim]:
+        """Yield all claims, checked. Only the first where cells do not cover the axes.
+
+        every : what the file says of cells that are not promised as well. samples : so many cells, drawn by `seed`, in
+        place of all; what needs whole arrays is checked whole. bar : called with an iterable to show how far it is.
+        """
+        wrong = self.uncovered()
+        yield Claim(COVER, self.problem.ndim, self.problem.ndim, wrong)
+        if wrong:
+            return
+        size = math.prod(self.counts.tolist())
+        chosen = np.ones(size, np.bool_)
+        if samples is not None:
+            chosen[:] = False
+            chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
+        if self.problem.sensed:
+            yield Claim("predictions are as near as stated", self.problem.count, self.problem.count, self.far_off())
+        yield from self.claims_of_inputs(every, chosen, bar)
+        yield Claim(GROW, len(self.pairs), len(self.pairs), self.do_not_grow())
+        yield from self.claims_of_sets(chosen, bar)
+        if self.problem.trusted:
+            yield Claim(f"rests on what is stated of {', '.join(sorted(self.problem.trusted))}", 0, 0, [])
+
+    def claims_of_inputs(self, every: bool, chosen: Array, bar: Callable[..., Any]) -> Iterator[Claim]:
+        """Yield the claims of where inputs lead, from where they are clear, and which lead into the target itself."""
+        tasks = [*np.ndindex(self.low.shape[:2])]
+        boxed = any(isinstance(one, BlackBox) for each in self.problem.of.values() for one in each)
+        boxed |= any(isinstance(part.function, BlackBox) for part in self.problem.parts)
+        found = {"moves": Count(), "clear of the unsafe sets": Count(), ARRIVE: Count()}
+        with ThreadPoolExecutor(1 if boxed else os.cpu_count()) as pool:
+            for each in bar(pool.map(lambda task: self.of_an_input(*task, every, chosen), tasks)):
+                for own, one in zip(found.values(), each, strict=True):
+                    own.add(one)
+        for name, own in found.items():
+            if name != ARRIVE or len(self.arrives):
+                yield Claim(name, own.made, own.checked, own.wrong, own.failed, beside=own.beside)
+
+    def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> tuple["Count", "Count", "Count"]:
+        """What is claimed of moves, of clear inputs and of arrivals under u_j in the intervals from `start`, counted."""
+        robot, free = self.problem, tuple(np.flatnonzero(~self.known))
+        always = len(self.low) == 1  # the same moves from every step
+        asked = np.ones(self.counts, np.bool_) if every else self.promised(range(robot.steps) if always else [start])
+        chosen = chosen.reshape(self.counts)
+        moves, clear, arrive = Count(), Count(), Count()
+        at_places = asked.any(axis=free).ravel()
+        open_moves = at_places & chosen.any(axis=free).ravel()
+        moves.note(at_places, open_moves)
+        open_cells: dict[int, Array] = {}
+        for step in range(len(self.clear)) if always else [start]:
+            said = (self.clear[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(self.counts)
+            own = every or self.promised(range(robot.steps) if len(self.clear) == 1 else [step])
+            open_cells[step] = said & own & chosen
+            clear.note(said & own, open_cells[step], said)
+        open_sites: dict[int, Array] = {}
+        for step in (range(len(self.arrives)) if always else [start]) if len(self.arrives) else []:
+            said = (self.arrives[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
+            others = tuple(np.flatnonzero(self.sites == 0))
+            own = self.promised(range(robot.steps) if len(self.arrives) == 1 else [step]) | every
+            open_sites[step] = said & (own & chosen).any(axis=others).ravel()
+            arrive.note(said & own.any(axis=others).ravel(), open_sites[step], said)
+        site_places = self.strides @ self.cells_at(np.arange(self.arrives.shape[1]), self.sites)
+        with np.errstate(all="ignore"):
+            for finer in FINER:
+                needed = open_moves.copy()
+                for cells in open_cells.values():
+                    needed |= cells.any(axis=free).ravel()
+                for sites in open_sites.values():
+                    needed[site_places[sites]] = True
+                for places in np.array_split(np.flatnonzero(needed), -(-int(needed.sum()) // PLACES) or 1):
+                    self.take_out(start, j, finer, places, open_moves, open_cells, open_sites, site_places)
+        moves.fail(f"start {start}, input {j}, place", open_moves)
+        for step, cells in open_cells.items():
+            clear.fail(f"start {step}, input {j}, cell", cells)
+        for step, sites in open_sites.items():
+            arrive.fail(f"start {step}, input {j}, site", sites)
+        return moves, clear, arrive
+
+    def take_out(
+        self,
+        start: int,
+        j: int,
+        finer: tuple[int, bool],
+        places: Array,
+        open_moves: Array,
+        open_cells: dict[int, Array],
+        open_sites: dict[int, Array],
+        site_places: Array,
+    ) -> None:
+        """Take out of what is open, in place, what bounds so fine prove of the cells at places (P,)."""
+        if not places.size:
+            return
+        rows, looked_at = np.empty(len(open_moves), np.int64), np.zeros(len(open_moves), np.bool_)
+        rows[places], looked_at[places] = np.arange(places.size), True
+        swept, last = self.driven(places, j, start, *finer)
+        tubes = Tubes(rows, swept, farthest(swept), last)
+        open_moves[places] &= ~self.moves_hold(places, start, j, tubes.last)
+        here = looked_at.reshape(np.where(self.known, self.counts, 1))
+        for step, cells in open_cells.items():
+            if (own := cells & here).any():
+                cells &= ~own | self.not_clear(step, j, own, tubes)
+        for step, sites in open_sites.items():
+            own = np.flatnonzero(sites & looked_at[site_places])
+            sites[own] = ~self.arrivals_hold(own, step, tubes)
+
+    def claims_of_sets(self, chosen: Array, bar: Callable[..., Any]) -> Iterator[Claim]:
+        """Yield the claims of cells: that they are in the target, and safe; or lead one step nearer."""
+        goals, nearer = Count(), Count()
+        with np.errstate(all="ignore"):
+            for step, within in bar(self.pairs):
+                if within:
+                    made, checked, wrong = self.not_nearer(step, within, chosen)
+                    nearer.add(Count(made, checked, 0, len(wrong), wrong[:SHOWN]), f"start {step}, within {within}, cell ")
+                    continue
+                here = self.bits(step, 0)
+                asked = np.flatnonzero(here & chosen)
+                slabs = np.array_split(asked, -(-asked.size // SLAB) or 1)
+                bad = np.concatenate([own[~self.goals_hold(own, step)] for own in slabs]).tolist()
+                goals.add(Count(int(here.sum()), asked.size, 0, len(bad), bad[:SHOWN]), f"start {step}, within 0, cell ")
+        for name, own in ((GOALS, goals), (NEARER, nearer)):
+            yield Claim(name, own.made, own.checked, own.wrong, own.failed)
+
+
+class Count:
+    """How many claims of a kind were made, checked, left aside as nothing is promised of them, and not proved."""
+
+    def __init__(self, made: int = 0, checked: int = 0, beside: int = 0, failed: int = 0, wrong: Any = ()) -> None:
+        """Begin with these numbers; wrong : what is said of the first that were not proved."""
+        self.made, self.checked, self.beside, self.failed, self.wrong = made, checked, beside, failed, list(wrong)
+
+    def note(self, made: Array, checked: Array, said: Array | None = None) -> None:
+        """Count claims by arrays of truth values: those made, those looked at, and what else the file said."""
+        self.made, self.checked = self.made + int(made.sum()), self.checked + int(checked.sum())
+        self.beside += 0 if said is None else int(said.sum()) - int(made.sum())
+
+    def fail(self, what: str, failed: Array) -> None:
+        """Count those that were not proved, an array of truth values, and name the first."""
+        numbers = np.flatnonzero(failed)
+        self.failed += numbers.size
+        self.wrong += [f"{what} {number}" for number in numbers[: max(SHOWN - len(self.wrong), 0)]]
+
+    def add(self, more: "Count", what: str = "") -> None:
+        """Add the numbers of another count."""
+        self.made, self.checked = self.made + more.made, self.checked + more.checked
+        self.beside, self.failed = self.beside + more.beside, self.failed + more.failed
+        self.wrong += [f"{what}{one}" for one in more.wrong[: max(SHOWN - len(self.wrong), 0)]]
+
+
+def farther(a: Array, b: Array) -> Array:
+    """Of displacements (2, ...) of lower and upper ends the farther ones."""
+    return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
+
+
+def farthest(swept: Array) -> Array:
+    """The farthest displacements (2, ndim, M) of all parts, (parts, 2, ndim, M)."""
+    return np.array([swept[:, 0].min(axis=0), swept[:, 1].max(axis=0)])
+
+
+def in_tiles(some: Array, tiles: Array) -> Array:
+    """Which tiles, so many cells along each axis, have any cell that is True in `some`."""
+    for k, size in enumerate(tiles.tolist()):
+        if size > 1:
+            some = np.logical_or.reduceat(some, np.arange(0, some.shape[k], size), axis=k)
+    return some.copy()
+
+
+def spread(tiles: Array, shape: Sequence[int]) -> Array:
+    """The truth values of tiles for the smaller ones that they are cut into, of which there are `shape`."""
+    for k, n in enumerate(shape):
+        tiles = np.repeat(tiles, -(-n // tiles.shape[k]), axis=k)[(slice(None),) * k + (slice(n),)]
+    return tiles
