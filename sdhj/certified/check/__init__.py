@@ -41,9 +41,10 @@ from typing import Any, cast
 
 from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.claims import Claim, Verdict
-from sdhj.certified.check.exported import Words, claims
+from sdhj.certified.check.exported import claims
 from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
+from sdhj.certified.check.words import Words
 
 __all__ = ["Claim", "Verdict", "verify"]
 

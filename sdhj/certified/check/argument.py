@@ -3,8 +3,8 @@
 A cell is a box of states. The file says which cells each of its sets S_k^n has: from every state of such a cell the
 target is reached within n intervals from step k on, clear of the unsafe sets at every instant, whatever the adversary
 does (without a target: the state stays clear for n intervals). It says why, too: where each input leads (`low`,
-`high`), from which cells it is clear (`clear`), and which inputs lead into the target itself (`arrives`). All of this is
-proved here, with the numbers of the file and with nothing of the solver; rounding is outward.
+`high`), from which cells it is clear (`clear`), and which inputs lead into the target itself (`arrives`). All of this
+is proved here, with the numbers of the file and with nothing of the solver; rounding is outward.
 
 To be read in this order; the number is that of the obligation in `sdhj.certified.sets`, and a function ends with what
 is refused without it:
@@ -35,6 +35,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise, product
 from typing import Any, NamedTuple
 
@@ -123,7 +124,8 @@ class Argument:
     counts (ndim,) : of cells, layers included. known (ndim,) : bool, the axes that a cell's moves depend on; a place is
     the part of a cell on these. low, high (starts, inputs, places, ndim) int16 : the first and the last cell that an
     input leads to, less the cell's own. clear (starts, cells, bytes), arrives (starts, sites, bytes) uint8 : an input
-    is a bit. edges : the ends of the cells of each axis, (n + 1,), as the nearest floats. sites (ndim,) : strides of the part of a cell that moves and target depend on. off (ndim,) : E.
+    is a bit. sites (ndim,) : strides of the part of a cell that moves and target depend on. off (ndim,) : E.
+    edges : the ends of the cells of each axis, (n + 1,), as the nearest floats.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any = None) -> None:
@@ -312,7 +314,9 @@ class Argument:
 
     def value(self, part: Part, one: Function, box: Array, times: Times) -> Array:
         """Bounds of a function of a set over boxes on its axes, (2, axes, M), and times: (2, M)."""
-        found = self.on_grid(part.axes, box, lambda low, high, _: np.array(one.bounds(low.T, high.T, times)).swapaxes(1, 2))
+        found = self.on_grid(
+            part.axes, box, lambda low, high, _: np.array(one.bounds(low.T, high.T, times)).swapaxes(1, 2)
+        )
         return found[:, 0]
 
     def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
@@ -416,7 +420,7 @@ class Argument:
         return after
 
     def moves_hold(self, places: Array, start: int, j: int, last: Array) -> Array:
-        """Whether all that the cells at places (M,) are led to under u_j lies in the cells that the file says: (M,) bool.
+        """Whether all that cells at places (M,) are led to under u_j lies in the cells that the file says: (M,) bool.
 
         last (2, ndim, M) : how far ends move. An image may stick out by `STICKS`.
         """
@@ -440,7 +444,7 @@ class Argument:
     # ---- 10: measurements that err
 
     def off_at(self, places: Array) -> Array:
-        """How far the state may be off the cells at places (M,), (ndim, M): E, and 0 for who remembers to be in a layer."""
+        """How far the state may be off cells at places (M,), (ndim, M): E, but 0 for who remembers to be in a layer."""
         cells, layers = self.cells_at(places, self.strides), np.array(self.layers, np.bool_)[:, :, None]
         at_wall = (layers[:, 0] & (cells == 0)) | (layers[:, 1] & (cells == self.counts[:, None] - 1))
         return np.where(at_wall & self.known[:, None] & self.problem.memory, 0.0, self.off[:, None])
@@ -505,21 +509,21 @@ class Argument:
         for axes, holds in self.questions(step, j, tubes):
             part_of_it = self.known | self.safe.any(axis=1)
             part_of_it[axes] = True
-            some = (asked & ~bad).any(axis=tuple(np.flatnonzero(~part_of_it)), keepdims=True)
+            some = np.logical_or.reduce(asked & ~bad, axis=axes_of(~part_of_it), keepdims=True)
             tiles = np.where(self.known | ~part_of_it, 1, TILE)
             bad |= holds(some, tiles)
         return bad & asked
 
     def questions(self, step: int, j: int, tubes: Tubes) -> Iterator[tuple[list[int], Callable[[Array, Array], Array]]]:
         """Yield what has to be asked of tubes: on which axes, and the function that answers for cells and tiles."""
-        for k in np.flatnonzero(self.unsafe.any(axis=1)).tolist():
-            yield [k], lambda some, _, k=k: self.past_an_end(k, some, tubes)
+        for k in axes_of(np.logical_or(*self.unsafe.T)):
+            yield [k], partial(self.past_an_end, k, tubes)
         for part in self.problem.unsafe:
             if part.inputs is None or j in part.inputs:
-                yield part.axes, lambda some, tiles, part=part: self.met(part, step, some, tiles, tubes)
+                yield part.axes, partial(self.met, part, step, tubes)
 
-    def past_an_end(self, k: int, some: Array, tubes: Tubes) -> Array:
-        """From which cells, of those that are True in `some`, a tube may pass an unsafe end of an axis; bool as `some`."""
+    def past_an_end(self, k: int, tubes: Tubes, some: Array, _: Array) -> Array:
+        """From which cells, of those that are True in `some`, a tube may pass an unsafe end of an axis, as `some`."""
 
         def stays(cells: Array) -> Array:
             low, high = self.whole(cells, cells, tubes)[:, k]
@@ -532,7 +536,7 @@ class Argument:
         out[some] = ~in_slabs(stays, np.array(np.nonzero(some)))
         return out
 
-    def met(self, part: Part, step: int, some: Array, tiles: Array, tubes: Tubes) -> Array:
+    def met(self, part: Part, step: int, tubes: Tubes, some: Array, tiles: Array) -> Array:
         """From which cells, of those that are True in `some`, a tube may meet an unsafe set; bool as `some`.
 
         Tiles of cells that move alike are looked at first, in one box each, then smaller ones, and where it is open
@@ -568,7 +572,11 @@ class Argument:
 
         cuts : when parts begin and end, s. late : by how much that may be off.
         """
-        good, ends, rows = np.ones(cells.shape[1], np.bool_), self.ends(cells, 2 * self.near), self.rows_of(cells, tubes)
+        good, ends, rows = (
+            np.ones(cells.shape[1], np.bool_),
+            self.ends(cells, 2 * self.near),
+            self.rows_of(cells, tubes),
+        )
         there = self.not_gone(cells, tubes)
         for number, (begin, end) in enumerate(pairwise(cuts)):
             left = np.flatnonzero(good & there[number])
@@ -651,8 +659,8 @@ class Argument:
     def not_nearer(self, step: int, within: int, chosen: Array) -> tuple[int, int, list[int]]:
         """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or into the target itself.
 
-        With a target only of cells that S_k^{n-1} has not. How many there are, and how many of them are `chosen`, (cells,)
-        bool, before them.
+        With a target only of cells that S_k^{n-1} has not. Before them how many there are, and how many of them are
+        `chosen`, (cells,) bool.
         """
         new = self.bits(step, within)
         if self.problem.target is not None:
@@ -679,7 +687,8 @@ class Argument:
         start, places = min(step, len(self.low) - 1), self.strides @ cells
         first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
         inside = self.all_in(first, past, sums)
-        for k, n in enumerate(self.counts.tolist()):
+        for k in range(len(cells)):
+            n = self.counts[k]
             inside |= (past[k] < 0) & self.safe[k, 0] | (first[k] > n) & self.safe[k, 1]
         if len(self.arrives):
             marks = self.arrives[min(step, len(self.arrives) - 1), self.sites @ cells, j // 8]
@@ -694,8 +703,8 @@ class Argument:
             cells = np.concatenate([cells, cells], axis=k)
         out = np.zeros([n + 1 for n in cells.shape], np.int32)
         out[(slice(1, None),) * cells.ndim] = cells
-        for k in range(cells.ndim):
-            np.cumsum(out, axis=k, out=out)
+        for axis in range(cells.ndim):
+            np.cumsum(out, axis=axis, out=out)
         return out
 
     def all_in(self, first: Array, past: Array, sums: Array) -> Array:
@@ -704,8 +713,7 @@ class Argument:
         Boxes end with the grid, and go around where an axis closes. sums : of the set.
         """
         below, size = [np.zeros(first.shape[1], np.int64)], np.ones(first.shape[1], np.int64)
-        for k, n in enumerate(self.counts.tolist()):
-            a, b = first[k], past[k]
+        for k, (n, a, b) in enumerate(zip(self.counts.tolist(), first, past, strict=True)):
             if self.problem.periodic[k]:
                 around, turns = b - a > n, a // n * n
                 a, b = np.where(around, 0, a - turns), np.where(around, n, b - turns)
@@ -761,7 +769,7 @@ class Argument:
         boxed |= any(isinstance(part.function, BlackBox) for part in self.problem.parts)
         found = {"moves": Count(), "clear of the unsafe sets": Count(), ARRIVE: Count()}
         with ThreadPoolExecutor(1 if boxed else os.cpu_count()) as pool:
-            for each in bar(pool.map(lambda task: self.of_an_input(*task, every, chosen), tasks)):
+            for each in bar(pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)):
                 for own, one in zip(found.values(), each, strict=True):
                     own.add(one)
         for name, own in found.items():
@@ -769,8 +777,8 @@ class Argument:
                 yield Claim(name, own.made, own.checked, own.wrong, own.failed, beside=own.beside)
 
     def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> tuple["Count", "Count", "Count"]:
-        """What is claimed of moves, of clear inputs and of arrivals under u_j in the intervals from `start`, counted."""
-        robot, free = self.problem, tuple(np.flatnonzero(~self.known))
+        """What is claimed of moves, clear inputs and arrivals under u_j in the intervals from `start`, counted."""
+        robot, free = self.problem, axes_of(~self.known)
         always = len(self.low) == 1  # the same moves from every step
         asked = np.ones(self.counts, np.bool_) if every else self.promised(range(robot.steps) if always else [start])
         chosen = chosen.reshape(self.counts)
@@ -787,7 +795,7 @@ class Argument:
         open_sites: dict[int, Array] = {}
         for step in (range(len(self.arrives)) if always else [start]) if len(self.arrives) else []:
             said = (self.arrives[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
-            others = tuple(np.flatnonzero(self.sites == 0))
+            others = axes_of(self.sites == 0)
             own = self.promised(range(robot.steps) if len(self.arrives) == 1 else [step]) | every
             open_sites[step] = said & (own & chosen).any(axis=others).ravel()
             arrive.note(said & own.any(axis=others).ravel(), open_sites[step], said)
@@ -832,8 +840,8 @@ class Argument:
             if (own := cells & here).any():
                 cells &= ~own | self.not_clear(step, j, own, tubes)
         for step, sites in open_sites.items():
-            own = np.flatnonzero(sites & looked_at[site_places])
-            sites[own] = ~self.arrivals_hold(own, step, tubes)
+            some = np.flatnonzero(sites & looked_at[site_places])
+            sites[some] = ~self.arrivals_hold(some, step, tubes)
 
     def claims_of_sets(self, chosen: Array, bar: Callable[..., Any]) -> Iterator[Claim]:
         """Yield the claims of cells: that they are in the target, and safe; or lead one step nearer."""
@@ -842,13 +850,17 @@ class Argument:
             for step, within in bar(self.pairs):
                 if within:
                     made, checked, wrong = self.not_nearer(step, within, chosen)
-                    nearer.add(Count(made, checked, 0, len(wrong), wrong[:SHOWN]), f"start {step}, within {within}, cell ")
+                    nearer.add(
+                        Count(made, checked, 0, len(wrong), wrong[:SHOWN]), f"start {step}, within {within}, cell "
+                    )
                     continue
                 here = self.bits(step, 0)
                 asked = np.flatnonzero(here & chosen)
                 slabs = np.array_split(asked, -(-asked.size // SLAB) or 1)
                 bad = np.concatenate([own[~self.goals_hold(own, step)] for own in slabs]).tolist()
-                goals.add(Count(int(here.sum()), asked.size, 0, len(bad), bad[:SHOWN]), f"start {step}, within 0, cell ")
+                goals.add(
+                    Count(int(here.sum()), asked.size, 0, len(bad), bad[:SHOWN]), f"start {step}, within 0, cell "
+                )
         for name, own in ((GOALS, goals), (NEARER, nearer)):
             yield Claim(name, own.made, own.checked, own.wrong, own.failed)
 
@@ -886,6 +898,11 @@ def farther(a: Array, b: Array) -> Array:
 def farthest(swept: Array) -> Array:
     """The farthest displacements (2, ndim, M) of all parts, (parts, 2, ndim, M)."""
     return np.array([swept[:, 0].min(axis=0), swept[:, 1].max(axis=0)])
+
+
+def axes_of(some: Array) -> tuple[int, ...]:
+    """The axes that are True in `some`."""
+    return tuple(np.flatnonzero(some).tolist())
 
 
 def in_tiles(some: Array, tiles: Array) -> Array:

@@ -12,14 +12,9 @@ that of all remaining steps (`filter`); under others it is clear (`clear`). Of a
 cell is proved clear of the pursuer one by one (`words_hold`): it takes a few times as long as `verify`.
 """
 
-import hashlib
 import math
-import os
-import struct
-import zlib
 from collections.abc import Iterator
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,143 +25,8 @@ from sdhj.certified.check.arm.rows import Stored, words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import Claim
-from sdhj.certified.check.reading import expect
 from sdhj.certified.check.robots import Robot
-
-MAGIC, HEAD = b"sdhjcell", 560
-FIELDS = ("steps", "select", "safe", "filter", "clear")
-UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
-
-
-class Words:
-    """A file that `sdhj export` wrote, as it was read: the numbers of its head, its blocks and words, and its images.
-
-    steps, starts, leads : how many steps there are, how many with words and how many with images of their own.
-    counts, sides, blocks : along each axis, of cells, of a block's cells, and of blocks; (ndim,) int each.
-    lower, upper, width, length, error, slack : (ndim,) float64, in the axes' units: where cells begin, where the grid
-        ends, how wide a cell is, after what length the axis closes, the error of a measurement, and how far beside a
-        cell a state still counts as in it. delta : the interval, s. inputs (L, m). problem : its digest, a text.
-    periodic : (ndim,) bool. layers : (ndim, 2), those at the lower and at the upper end. safe_ends : (ndim,), 1 for the
-        lower end and 2 for the upper. brake : the input that is applied where nothing is known.
-    index : (starts, *blocks), the number of each block's body. bodies : (bodies, cells of a block) uint32, the numbers
-        of the words of a block's cells.
-    fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,) int64, fields
-        of inputs as (words, L) bool.
-    images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
-        index; leads is 0 where there are none. reads : (ndim, ndim) bool, on which axes the images along one depend.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read an exported file; ValueError where a digest, length or number does not fit, OSError without a file."""
-        version, data = _whole(path)
-        numbers = struct.unpack_from("<17I", data, 16)
-        size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
-        record, words, width, index_width, bodies, body_bytes, tests, at_width, self.leads = numbers[8:]
-        expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
-        self.counts, self.sides, periodic, self.safe_ends = (
-            np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
-        )
-        self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
-        self.layers = np.stack([periodic >> 1 & 1, periodic >> 2 & 63], axis=1)  # at the lower, at the upper end
-        self.reads = (periodic[:, None] >> 8 + np.arange(ndim)) & 1 == 1
-        shown = self.leads or periodic.max() < 256  # which axes images depend on
-        fits = version == 1 + (self.leads > 0) and shown and not (periodic >> 8 + ndim).any()
-        expect(fits, "only a table of version 2 has images", self.leads)
-        self.lower, self.width, self.length, self.error, self.upper, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
-        self.delta = reals[36]
-        expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
-        self.blocks, self.problem = -(-self.counts // self.sides), data[96:128].hex()
-        number, cells = math.prod(self.blocks.tolist()) * self.starts, math.prod(self.sides.tolist())
-        shapes = [(self.leads, inputs, *self.counts[reads].tolist(), 2) for reads in self.reads]
-        images = sum(2 * math.prod(shape) for shape in shapes)
-        lengths = (words * record, inputs * components * 8, inputs * 2, number * index_width, bodies * at_width)
-        parts, at = list[bytes](), HEAD
-        for length in (*lengths, body_bytes, images, tests * (2 * ndim + 2)):
-            parts.append(data[at : at + length])
-            at += -(-length // 8) * 8
-        expect(at == size and len(parts[7]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
-        self.images = _arrays(parts[6], shapes)
-        self.inputs = np.frombuffer(parts[1], "<f8").reshape(inputs, components)
-        self.index = _numbers(parts[3], index_width).reshape(self.starts, *self.blocks)
-        expect(int(self.index.max()) < bodies, "blocks must have a body", bodies)
-        self.bodies = np.stack([_body(parts[5], at, cells, width) for at in _numbers(parts[4], at_width).tolist()])
-        expect(int(self.bodies.max()) < words, "cells must have a word", words)
-        rows, mask, begin = np.frombuffer(parts[0], np.uint8).reshape(words, record), -(-inputs // 8), 0
-        found: dict[str, Array] = {}
-        for bit, name in enumerate(FIELDS):
-            if fields >> bit & 1:
-                long = {"steps": 4, "select": 2}.get(name, mask)
-                found[name], begin = rows[:, begin : begin + long], begin + long
-        expect(begin == record, "words must have their fields", record)
-        self.fields = _fields(found, inputs)
-
-    def ids(self, start: int) -> Array:
-        """The number of each cell's word at the step `start`, < `starts`: (cells,) uint32, the last axis fastest."""
-        ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
-        order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
-        whole = blocks.transpose(order).reshape(self.blocks * self.sides)
-        return np.ascontiguousarray(whole[tuple(slice(n) for n in self.counts)]).ravel()
-
-
-def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """The version and all the bytes of an exported file; ValueError if the version or a digest does not fit.
-
-    OSError without a file.
-    """
-    data = Path(path).read_bytes()
-    whole = len(data) >= HEAD and data[:8] == MAGIC
-    version = struct.unpack_from("<I", data, 8)[0] if whole else 0
-    expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
-    whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
-    expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
-    return version, data
-
-
-def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits.
-
-    data : as many numbers as the shapes, at least one, have in all; ValueError for others.
-    """
-    each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
-    return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
-
-
-def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words by name: "steps" and "select" as (words,) int64, others as bool (words, inputs).
-
-    found : the bytes of each field, (words, bytes) uint8. inputs : how many inputs there are.
-    """
-    return {
-        name: _numbers(some.tobytes(), some.shape[1])
-        if name in ("steps", "select")
-        else np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
-        for name, some in found.items()
-    }
-
-
-def _numbers(data: bytes, width: int) -> Array:
-    """The whole numbers in bytes, unsigned, each of `width` bytes, the lowest byte first: (n,) int64."""
-    each = np.frombuffer(data, np.uint8).reshape(-1, width).astype(np.int64)
-    return each @ (1 << 8 * np.arange(width))
-
-
-def _body(data: bytes, at: int, cells: int, width: int) -> Array:
-    """The numbers of the words of a block's cells, (cells,) uint32, from the block's body, which begins at data[at].
-
-    A body is a palette of numbers of words, and for each cell its entry there. ValueError where it is none.
-
-    data : all bodies. cells : how many a block has. width : how many bytes a number in the palette has.
-    """
-    expect(at + 3 <= len(data), "bodies must be whole", at)
-    bits, colours = struct.unpack_from("<BH", data, at)
-    begin = at + 3 + colours * width
-    end = begin + -(-cells * bits // 8)
-    expect(1 <= colours <= 1 << bits <= 65536 and end + 2 <= len(data), "bodies must be whole", (at, bits, colours))
-    palette = _numbers(data[at + 3 : begin], width)
-    packed = np.unpackbits(np.frombuffer(data[begin:end], np.uint8), count=cells * bits, bitorder="little")
-    entries = packed.reshape(cells, bits) @ (1 << np.arange(bits))
-    expect(int(entries.max(initial=0)) < colours, "entries must be in the palette", colours)
-    return palette[entries].astype(np.uint32)
+from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps
 
 
 def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
@@ -274,48 +134,6 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         ),
     }
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
-
-
-def claims_of_inputs(
-    words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
-) -> Iterator[tuple[str, Array, Array]]:
-    """Yield each field of inputs that lead on: its name, the inputs of each word, and the steps to go that it claims.
-
-    (name, (words, L) bool, (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
-    set with one step less to go; nothing is claimed of a cell with 0.
-
-    words : the exported table. ids (cells,) : the number of each cell's word.
-    fewest (cells,) : the steps to go by the table's file, more than `left` where there are none; counts where words
-        have no field "steps". left : the steps that are left.
-    """
-    steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
-    nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
-    for name, some in words.fields.items():
-        if name == "select":
-            one = some[:, None] == np.arange(len(words.inputs))
-            yield name, one, nearest
-        elif name == "safe":
-            yield name, some, nearest
-        elif name == "filter":
-            yield name, some, np.full(len(ids), left)
-
-
-def claims_of_steps(
-    words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
-) -> Iterator[tuple[str, int, Array]]:
-    """Yield each field that claims cells to be in a set: its name, how many claims it makes, and the cells where false.
-
-    words : the exported table. ids (cells,) : the number of each cell's word. fewest (cells,) : the steps to go by the
-        table's file. left : the steps that are left.
-    """
-    if "steps" in words.fields:
-        steps = words.fields["steps"][ids]
-        made = steps != UNPROVED
-        bad = (steps > left) | ((steps != left) & has_no_target) | (fewest > steps)
-        yield "steps", int(made.sum()), np.flatnonzero(made & bad)
-    if "select" in words.fields:
-        arrived = words.fields["select"][ids] == ARRIVED
-        yield "select", int(arrived.sum()), np.flatnonzero(arrived & ((fewest != 0) | has_no_target))
 
 
 def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:

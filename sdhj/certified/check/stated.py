@@ -1,14 +1,14 @@
 """The problem that a file states, read entry by entry: what it is, and how it is printed.
 
-An entry that is not what it has to be is refused with a sentence (`expect`), and so is one that is not known: nothing in
-a file is passed over that could change what its sets mean. What is printed is what was read, so who compares the page
-with the robot has compared what is proved of it.
+An entry that is not what it has to be is refused with a sentence (`expect`), and so is one that is not known: nothing
+in a file is passed over that could change what its sets mean. What is printed is what was read, so who compares it with
+the robot has compared what is proved of it.
 
 Boxes are arrays (2, axes, M), the lower and the upper ends of M of them; a function over boxes has bounds (2, results,
 M), NaN where nothing is known.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -40,7 +40,7 @@ Times = tuple[float, float]
 
 
 def entry(what: str, given: Any, needed: str, may_have: str = "") -> Mapping[str, Any]:
-    """An entry of the head, which must have all fields `needed` and none but these and `may_have`; names with spaces."""
+    """An entry of the head, which must have all fields `needed`, names in a text, and no others but `may_have`."""
     expect(isinstance(given, dict), f"{what} must be an entry with fields", given)
     lacks = [name for name in needed.split() if name not in given]
     expect(not lacks, f"{what} must have the fields {needed.replace(' ', ', ')}", [*given])
@@ -88,7 +88,7 @@ class BlackBox:
         return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """What its author states of boxes (M, axes) and times, both (M, results); refused where it is seen not to hold."""
+        """What its author states of boxes (M, axes) and times, both (M, results); refused where a value is beyond."""
         least, most = self.stated(low, high, times)
         for time in times:
             place = low + self.rng.random(low.shape) * (high - low)
@@ -193,13 +193,17 @@ class Problem:
 
     def read_inputs(self, given: Any) -> None:
         """Read the inputs, rows of as many numbers each."""
-        expect(isinstance(given, list) and 1 <= len(given) <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", given)
+        expect(
+            isinstance(given, list) and 1 <= len(given) <= MOST_INPUTS,
+            f"there must be 1 to {MOST_INPUTS} inputs",
+            given,
+        )
         size = len(given[0]) if isinstance(given[0], list) else -1
         self.inputs = [reals("an input", one, size) for one in given]
         self.count = len(self.inputs)
 
     def read_sensing(self, given: Mapping[str, Any]) -> None:
-        """Read the errors of measurements, how late an input acts, how far a clock is off, and whether there is memory."""
+        """Read the errors of measurements, how late inputs act, how far a clock is off, and whether there is memory."""
         error = given.get("error", 0.0)
         error = error if isinstance(error, list) else [error] * self.ndim
         self.error = np.array(reals("error", error, self.ndim, 0.0))
@@ -236,7 +240,7 @@ class Problem:
             expect(False, "the problem given must have the black box of the file", name)
 
     def read_velocity(self) -> None:
-        """Read drift + gain v, or velocity(v), and the bounds of v, |v| <= bounds: a function of each for every input."""
+        """Read drift + gain v, or velocity(v), and the bounds of v, |v| <= bounds: a function for every input."""
         n, bounds = self.ndim, self.formula("bounds", self.ndim)
         d, rest = divmod(len(bounds.results), self.count)
         expect(not rest and d <= MOST_COUNTED, "bounds must have as many results for each input", len(bounds.results))
@@ -260,9 +264,10 @@ class Problem:
         """The functions, of all inputs, of which the velocity along an axis is made; a black box as a whole."""
         some: list[Function] = []
         for name, each in self.of.items():
-            first, count = {"bounds": (0, self.disturbances), "gain": (axis * self.disturbances, self.disturbances)}.get(
-                name, (axis, 1)
-            )
+            first, count = {
+                "bounds": (0, self.disturbances),
+                "gain": (axis * self.disturbances, self.disturbances),
+            }.get(name, (axis, 1))
             some += [one.part(first, count) if isinstance(one, Formula) else one for one in each]
         return some
 
@@ -365,13 +370,15 @@ class Problem:
             lines = [*letters]
             for k in range(size):
                 axis, component = divmod(k, max(self.disturbances, 1)) if name == "gain" else (k, k)
-                what = {"bounds": f"|v{k + 1}| <=", "gain": f"d{self.names[axis % self.ndim]}/dt: v{component + 1} *"}.get(
-                    name, f"d{self.names[axis % self.ndim]}/dt: {name}"
-                )
-                for text, some in groupby(range(self.count), lambda j, k=k: own[j][k]):
+                what = {
+                    "bounds": f"|v{k + 1}| <=",
+                    "gain": f"d{self.names[axis % self.ndim]}/dt: v{component + 1} *",
+                }.get(name, f"d{self.names[axis % self.ndim]}/dt: {name}")
+                texts = [row[k] for row in own]
+                for text, some in groupby(range(self.count), texts.__getitem__):
                     numbers = [*some]
-                    under = "" if len(numbers) == self.count else f"    [u{numbers[0]} to u{numbers[-1]}]"
-                    lines.append(f"{what} {text}{under}")
+                    under = f"    [u{numbers[0]} to u{numbers[-1]}]" if len(numbers) > 1 else f"    [u{numbers[0]}]"
+                    lines.append(f"{what} {text}" + ("" if len(numbers) == self.count else under))
             shown += shortened(lines)
         return shown
 
@@ -418,7 +425,11 @@ def written(
     node: Node, operands: Sequence[tuple[int, str]], coordinates: Sequence[str], parameters: Sequence[str]
 ) -> tuple[int, str]:
     """How strongly the text of a node binds, and the text, from those of its operands."""
-    within: Callable[[int, int], str] = lambda k, least: operands[k][1] if operands[k][0] >= least else f"({operands[k][1]})"
+
+    def within(k: int, least: int) -> str:
+        binds, text = operands[k]
+        return text if binds >= least else f"({text})"
+
     if node.name in ("x", "p"):
         return 9, (coordinates if node.name == "x" else parameters)[node.given[0]]
     if node.name == "const":

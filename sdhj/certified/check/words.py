@@ -1,0 +1,315 @@
+"""The words of an exported table, `sdhj_table.bin`: what C reads of a cell is within what the table's file proves.
+
+What was rounded, merged or packed on the way is of no matter: this reader shares no code with what wrote the file, and
+asks of every cell and every input in its word what `argument` asks of some input. A word may claim less than is proved.
+
+A cell is in the set of the steps to go that it claims (`steps`); under each input that is claimed the cell is clear,
+and all cells that it may lead to are in the set with a step less (`safe`, `select`), or in that of all remaining steps
+(`filter`); under others it is clear (`clear`). Images for a controller that remembers are neither wider nor narrower
+than those of the table's file: of a narrower one the state may be outside, a wider one may hold cells from which
+nothing is proved.
+"""
+
+import hashlib
+import math
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdhj.certified.check.argument import SHOWN, Argument, Count
+from sdhj.certified.check.claims import Claim
+from sdhj.certified.check.intervals import Array
+from sdhj.certified.check.reading import expect
+
+MAGIC, HEAD = b"sdhjcell", 560
+FIELDS = ("steps", "select", "safe", "filter", "clear")
+UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
+
+
+class Words:
+    """A file that `sdhj export` wrote, as it was read: the numbers of its head, its blocks and words, and its images.
+
+    steps, starts, leads : how many steps there are, how many with words and how many with images of their own.
+    counts, sides, blocks : along each axis, of cells, of a block's cells, and of blocks; (ndim,) int each.
+    lower, upper, width, length, error, slack : (ndim,) float64, in the axes' units: where cells begin, where the grid
+        ends, how wide a cell is, after what length the axis closes, the error of a measurement, and how far beside a
+        cell a state still counts as in it. delta : the interval, s. inputs (L, m). problem : its digest, a text.
+    periodic : (ndim,) bool. layers : (ndim, 2), those at the lower and at the upper end. safe_ends : (ndim,), 1 for the
+        lower end and 2 for the upper. brake : the input that is applied where nothing is known.
+    index : (starts, *blocks), the number of each block's body. bodies : (bodies, cells of a block) uint32, the numbers
+        of the words of a block's cells.
+    fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,) int64, fields
+        of inputs as (words, L) bool.
+    images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
+        index; leads is 0 where there are none. reads : (ndim, ndim) bool, on which axes the images along one depend.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Read an exported file; ValueError where a digest, length or number does not fit, OSError without a file."""
+        version, data = _whole(path)
+        numbers = struct.unpack_from("<17I", data, 16)
+        size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
+        record, words, width, index_width, bodies, body_bytes, tests, at_width, self.leads = numbers[8:]
+        expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
+        self.counts, self.sides, periodic, self.safe_ends = (
+            np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
+        )
+        self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
+        self.layers = np.stack([periodic >> 1 & 1, periodic >> 2 & 63], axis=1)  # at the lower, at the upper end
+        self.reads = (periodic[:, None] >> 8 + np.arange(ndim)) & 1 == 1
+        shown = self.leads or periodic.max() < 256  # which axes images depend on
+        fits = version == 1 + (self.leads > 0) and shown and not (periodic >> 8 + ndim).any()
+        expect(fits, "only a table of version 2 has images", self.leads)
+        self.lower, self.width, self.length, self.error, self.upper, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
+        self.delta = reals[36]
+        expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
+        self.blocks, self.problem = -(-self.counts // self.sides), data[96:128].hex()
+        number, cells = math.prod(self.blocks.tolist()) * self.starts, math.prod(self.sides.tolist())
+        shapes = [(self.leads, inputs, *self.counts[reads].tolist(), 2) for reads in self.reads]
+        images = sum(2 * math.prod(shape) for shape in shapes)
+        lengths = (words * record, inputs * components * 8, inputs * 2, number * index_width, bodies * at_width)
+        parts, at = list[bytes](), HEAD
+        for length in (*lengths, body_bytes, images, tests * (2 * ndim + 2)):
+            parts.append(data[at : at + length])
+            at += -(-length // 8) * 8
+        expect(at == size and len(parts[7]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
+        self.images = _arrays(parts[6], shapes)
+        self.inputs = np.frombuffer(parts[1], "<f8").reshape(inputs, components)
+        self.index = _numbers(parts[3], index_width).reshape(self.starts, *self.blocks)
+        expect(int(self.index.max()) < bodies, "blocks must have a body", bodies)
+        self.bodies = np.stack([_body(parts[5], at, cells, width) for at in _numbers(parts[4], at_width).tolist()])
+        expect(int(self.bodies.max()) < words, "cells must have a word", words)
+        rows, mask, begin = np.frombuffer(parts[0], np.uint8).reshape(words, record), -(-inputs // 8), 0
+        found: dict[str, Array] = {}
+        for bit, name in enumerate(FIELDS):
+            if fields >> bit & 1:
+                long = {"steps": 4, "select": 2}.get(name, mask)
+                found[name], begin = rows[:, begin : begin + long], begin + long
+        expect(begin == record, "words must have their fields", record)
+        self.fields = _fields(found, inputs)
+        chosen = self.fields.get("select", np.zeros(1, np.int64))
+        fits = self.brake < inputs and bool(((chosen < inputs) | (chosen == NO_INPUT) | (chosen == ARRIVED)).all())
+        expect(fits, "inputs of the exported table must be numbers of inputs", self.brake)
+
+    def ids(self, start: int) -> Array:
+        """The number of each cell's word at the step `start`, < `starts`: (cells,) uint32, the last axis fastest."""
+        ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
+        order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
+        whole = blocks.transpose(order).reshape(self.blocks * self.sides)
+        return np.ascontiguousarray(whole[tuple(slice(n) for n in self.counts)]).ravel()
+
+
+def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
+    """The version and all the bytes of an exported file; ValueError if the version or a digest does not fit.
+
+    OSError without a file.
+    """
+    data = Path(path).read_bytes()
+    whole = len(data) >= HEAD and data[:8] == MAGIC
+    version = struct.unpack_from("<I", data, 8)[0] if whole else 0
+    expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
+    whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
+    expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
+    return version, data
+
+
+def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
+    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits.
+
+    data : as many numbers as the shapes, at least one, have in all; ValueError for others.
+    """
+    each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
+    return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
+
+
+def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
+    """The fields of words by name: "steps" and "select" as (words,) int64, others as bool (words, inputs).
+
+    found : the bytes of each field, (words, bytes) uint8. inputs : how many inputs there are.
+    """
+    return {
+        name: _numbers(some.tobytes(), some.shape[1])
+        if name in ("steps", "select")
+        else np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
+        for name, some in found.items()
+    }
+
+
+def _numbers(data: bytes, width: int) -> Array:
+    """The whole numbers in bytes, unsigned, each of `width` bytes, the lowest byte first: (n,) int64."""
+    each = np.frombuffer(data, np.uint8).reshape(-1, width).astype(np.int64)
+    return each @ (1 << 8 * np.arange(width))
+
+
+def _body(data: bytes, at: int, cells: int, width: int) -> Array:
+    """The numbers of the words of a block's cells, (cells,) uint32, from the block's body, which begins at data[at].
+
+    A body is a palette of numbers of words, and for each cell its entry there. ValueError where it is none.
+
+    data : all bodies. cells : how many a block has. width : how many bytes a number in the palette has.
+    """
+    expect(at + 3 <= len(data), "bodies must be whole", at)
+    bits, colours = struct.unpack_from("<BH", data, at)
+    begin = at + 3 + colours * width
+    end = begin + -(-cells * bits // 8)
+    expect(1 <= colours <= 1 << bits <= 65536 and end + 2 <= len(data), "bodies must be whole", (at, bits, colours))
+    palette = _numbers(data[at + 3 : begin], width)
+    packed = np.unpackbits(np.frombuffer(data[begin:end], np.uint8), count=cells * bits, bitorder="little")
+    entries = packed.reshape(cells, bits) @ (1 << np.arange(bits))
+    expect(int(entries.max(initial=0)) < colours, "entries must be in the palette", colours)
+    return palette[entries].astype(np.uint32)
+
+
+def claims_of_inputs(
+    words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield each field of inputs that lead on: its name, the inputs of each word, and the steps to go that it claims.
+
+    (name, (words, L) bool, (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
+    set with one step less to go; nothing is claimed of a cell with 0.
+
+    words : the exported table. ids (cells,) : the number of each cell's word.
+    fewest (cells,) : the steps to go by the table's file, more than `left` where there are none; counts where words
+        have no field "steps". left : the steps that are left.
+    """
+    steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
+    nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
+    for name, some in words.fields.items():
+        if name == "select":
+            one = some[:, None] == np.arange(len(words.inputs))
+            yield name, one, nearest
+        elif name == "safe":
+            yield name, some, nearest
+        elif name == "filter":
+            yield name, some, np.full(len(ids), left)
+
+
+def claims_of_steps(
+    words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
+) -> Iterator[tuple[str, int, Array]]:
+    """Yield each field that claims cells to be in a set: its name, how many claims it makes, and the cells where false.
+
+    words : the exported table. ids (cells,) : the number of each cell's word. fewest (cells,) : the steps to go by the
+        table's file. left : the steps that are left.
+    """
+    if "steps" in words.fields:
+        steps = words.fields["steps"][ids]
+        made = steps != UNPROVED
+        bad = (steps > left) | ((steps != left) & has_no_target) | (fewest > steps)
+        yield "steps", int(made.sum()), np.flatnonzero(made & bad)
+    if "select" in words.fields:
+        arrived = words.fields["select"][ids] == ARRIVED
+        yield "select", int(arrived.sum()), np.flatnonzero(arrived & ((fewest != 0) | has_no_target))
+
+
+def claims(words: Words, sets: Argument, every: bool, bar: Callable[..., Any] = iter) -> Iterator[Claim]:
+    """Yield all claims of an exported table, checked against the sets of the table's file.
+
+    Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
+    every : whether what the file says of cells that are not promised is proved as well. bar : shows how far it is.
+    """
+    wrong = differences(words, sets)
+    yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
+    if wrong:
+        return
+    found = {name: Count() for name in words.fields}
+    with np.errstate(all="ignore"):
+        for start in bar(range(words.starts)):
+            for name, one in of_a_start(words, sets, start, every):
+                found[name].add(one)
+    for name, own in found.items():
+        yield Claim(f"exported: {name}", own.made, own.checked, own.wrong, own.failed, beside=own.beside)
+    if words.leads:
+        made = sum(own[..., 0].size for own in words.images)
+        yield Claim("exported: images", made, made, list(images_differ(words, sets)))
+
+
+def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterator[tuple[str, Count]]:
+    """Yield what the words of a step claim, counted, by fields: some of them several times."""
+    ids, left, none = words.ids(start), words.steps - start, sets.problem.target is None
+    fewest = steps_to_go(sets, start, left)
+    for name, made, bad in claims_of_steps(words, ids, fewest, left, none):
+        yield name, counted(made, bad, f"start {start}, cell")
+    if "clear" in words.fields:
+        marks = sets.clear[min(start, len(sets.clear) - 1)]
+        clear = np.unpackbits(marks, axis=1, count=sets.problem.count, bitorder="little").view(np.bool_)
+        said = words.fields["clear"][ids]
+        promised = sets.promised([start]).ravel() if left and not every else np.full(len(ids), every)
+        own = counted(
+            int(said[promised].sum()),
+            np.flatnonzero((said & ~(clear & (left > 0))).any(axis=1)),
+            f"start {start}, cell",
+        )
+        own.beside = int(said.sum()) - own.made
+        yield "clear", own
+    several = list(claims_of_inputs(words, ids, fewest, left, none))
+    for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
+        sums = sets.sums(sets.bits(start + 1, ahead - 1)) if ahead and left else None
+        for name, some, steps in several:
+            for j in range(sets.problem.count):
+                cells = np.flatnonzero((steps == ahead) & some[ids, j])
+                good = np.zeros(cells.size, np.bool_) if sums is None else sets.leads(cells, start, j, sums)
+                yield name, counted(cells.size, cells[~good], f"start {start}, input {j}, cell")
+
+
+def counted(made: int, bad: Array, what: str) -> Count:
+    """So many claims, all of them checked, of which those of the cells `bad` do not hold."""
+    return Count(made, made, 0, len(bad), [f"{what} {cell}" for cell in bad[:SHOWN]])
+
+
+def steps_to_go(sets: Argument, start: int, left: int) -> Array:
+    """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none."""
+    if sets.problem.target is None:
+        return np.where(sets.bits(start, left), left, left + 1)
+    out = np.full(math.prod(sets.counts.tolist()), left + 1)
+    for within in range(left, -1, -1):
+        out[sets.bits(start, within)] = within
+    return out
+
+
+def images_differ(words: Words, sets: Argument) -> Iterator[str]:
+    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves."""
+    shape = np.where(sets.known, sets.counts, 1)
+    for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
+        for start, j in np.ndindex(own.shape[:2]):
+            said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
+            proved = [moves[start, j, :, axis].reshape(shape) for moves in (sets.low, sets.high)]
+            if not all(bool((said[..., side] == proved[side]).all()) for side in (0, 1)):
+                yield f"start {start}, input {j}, axis {axis}"
+
+
+def differences(words: Words, sets: Argument) -> list[str]:
+    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file.
+
+    Of the slack it is asked only that it is not more than the file's.
+    """
+    robot, axes = sets.problem, [*zip(sets.axes, sets.layers, strict=True)]
+    pairs = {
+        "cells": (words.counts.tolist(), sets.counts.tolist()),
+        "periodic axes": (words.periodic.tolist(), robot.periodic.tolist()),
+        "layers": (words.layers.tolist(), sets.layers),
+        "begins": (words.lower.tolist(), [float(low - a * width) for (low, width, *_), (a, _) in axes]),
+        "widths": (words.width.tolist(), sets.widths),
+        "lengths": (
+            words.length.tolist(),
+            [float((least + most) / 2 + sum(some) * width) for (_, width, least, most), some in axes],
+        ),
+        # at both ends of the grid `sdhj.h` clips what is measured, and it tells which of them are safe to leave by
+        "upper ends": (words.upper.tolist(), robot.upper.tolist()),
+        "safe ends": (words.safe_ends.tolist(), (sets.safe @ [1, 2]).tolist()),
+        "inputs": (words.inputs.tolist(), robot.inputs),
+        "steps": (words.steps, robot.steps),
+        "starts": (words.starts, 1 if sets.alike else words.steps + 1),
+        "delta": (float(words.delta), robot.delta),
+        "slack": (bool((words.slack <= sets.near * (1 + 1e-12)).all()), True),
+        "error": (words.error.tolist(), robot.error.tolist()),
+        "delay": (0.0, robot.delay),
+        "problem": (words.problem, robot.head["digest"]),
+        "steps with images of their own": (words.leads, len(sets.low) * robot.memory),
+    }
+    return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
