@@ -34,6 +34,7 @@ import numba
 import numpy as np
 from digest_cases import CASES, Case
 from numba.core import codegen
+from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
 import sdhj
 
@@ -70,6 +71,7 @@ def machine() -> dict[str, str]:
     return {
         "processor": f"{platform.machine()} {codegen.ll.get_host_cpu_name()}",
         "numpy": np.__version__,
+        "loops": " ".join(name for name in __cpu_dispatch__ if __cpu_features__[name]),  # NumPy's for this processor
         "numba": numba.__version__,
     }
 
