@@ -93,6 +93,7 @@ def test_a_set_that_comes_and_goes_is_not_static():
     assert part.moving and found == pytest.approx([3.0, -0.3, -0.3, -0.3, 3.0], abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 8, 200, 2000])
 def test_what_moves_for_a_while_is_met_among_many_steps(steps):
     begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
@@ -115,6 +116,7 @@ def test_a_moment_of_thousands_of_steps_is_met():
     assert found == pytest.approx([2.0, 1.0, 2.0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_tables_and_proofs_see_what_comes_and_goes_between_all_samples():
     def wink(p, t):
         return np.where((t > 0.1234) & (t < 0.1235), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
@@ -129,6 +131,7 @@ def test_tables_and_proofs_see_what_comes_and_goes_between_all_samples():
     assert (believed < 0).any(axis=1).tolist() == [True, True]
 
 
+@pytest.mark.slow
 def test_a_swept_function_is_tried_in_every_step():
     def near(p, t):
         return np.abs(p[:, 0] - 3.0 + t) - 0.1
@@ -399,6 +402,7 @@ def test_a_number_of_threads_that_is_none_is_told(asked, monkeypatch):
     assert "NUMBA_NUM_THREADS" not in os.environ
 
 
+@pytest.mark.slow
 def test_before_numba_is_imported():
     done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS="many")
     assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr
@@ -406,6 +410,7 @@ def test_before_numba_is_imported():
     assert said in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_address_space_is_a_limit_and_is_named():
     code = "\n".join(
         [

@@ -47,6 +47,7 @@ def outlines(rng):
     return np.stack([np.cos(angles), np.sin(angles)], axis=1) * rng.uniform(0.3, 1.2, (7, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_any_polygons_are_apart_by_what_plain_loops_say(seed):
     """The sign everywhere, and the distance outside; a fence is touched by whatever sticks out of it."""
@@ -112,6 +113,7 @@ def test_disks_cover_a_body_and_reach_no_farther_than_allowed(shape, tolerance):
     assert (np.hypot(*(inside[:, None] - disks[:, :2]).transpose(2, 0, 1)) <= disks[:, 2]).any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_a_footprint_on_a_map_is_seen_whole_and_not_much_larger():
     """<= 0 wherever the robot meets a blocked pixel; below the truth by the tolerance and half a diagonal at most."""
     rng, side, origin = np.random.default_rng(0), 0.1, (-1.0, 0.5, 0.4)

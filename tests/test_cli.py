@@ -36,6 +36,7 @@ def test_solve_writes_a_table_that_loads(saved):
     assert table.method == "hji" and table.grid.shape == (9,) * 4 and table.steps == 3
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*is certified")  # few cells: next to nothing is
 def test_cells_go_with_the_certified_method(tmp_path):
     path = tmp_path / "certified.h5"
@@ -195,6 +196,7 @@ def test_info_says_which_black_boxes_there_are(tmp_path):
     assert refused.exit_code == 2 and "black boxes (drift: a BlackBox with reads, slope, rate)" in line
 
 
+@pytest.mark.slow
 def test_info_says_what_a_promise_rests_on(tmp_path):
     """Which ends count as what, how sets were sampled, what is sensed, that there is no target, and that it lasts."""
     own = unicycle_problem(nodes=(9, 9, 8), steps=1)
@@ -308,6 +310,7 @@ def test_warmup_leaves_nothing_to_compile(tmp_path):
     assert set(tmp_path.rglob("*.code")) == compiled
 
 
+@pytest.mark.slow
 def test_what_warms_up_grows_tubes():
     """So that the kernels that join tubes are called."""
     table = sdhj.solve(new_robot(), sdhj.Certified(cells=WARM_CELLS["car"]), progress=False)
@@ -318,11 +321,13 @@ def ran(command, **options):
     return subprocess.run(["bash", "-c", command], capture_output=True, text=True, **options)
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_seen_enough_ends_it_quietly(saved):
     done = ran(f"{sys.executable} -m sdhj info {saved} | true; exit ${{PIPESTATUS[0]}}")
     assert done.returncode in (0, 1) and done.stderr == ""  # 0 where all was written before the pipe was closed
 
 
+@pytest.mark.slow
 def test_without_standard_error_it_works_all_the_same(tmp_path):
     """As under pythonw, and for services that close it: Python's sys.stderr is None."""
     path = tmp_path / "table.h5"
@@ -343,12 +348,14 @@ print(sdhj.monte_carlo(sdhj.Controller(table), runs=5).runs)
     assert done.returncode == 0 and "solved in" in done.stdout and done.stdout.endswith("\n5\n"), done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("option", "status"), [("--version", 1), ("--help", 1), ("info", 2)])
 def test_a_full_disk_is_one_line(saved, option, status):
     done = ran(f"{sys.executable} -m sdhj {option} {saved if option == 'info' else ''} > /dev/full")
     assert done.returncode == status and done.stderr.startswith("Error: ") and done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_warnings_are_sentences_without_our_source(tmp_path):
     done = ran(f"{sys.executable} -m sdhj solve --nodes 7 --steps 1 -o {tmp_path / 'table.h5'}")
     told = [line for line in done.stderr.splitlines() if "the tube of" in line]

@@ -303,6 +303,7 @@ def test_safe_inputs_at_the_nodes_are_the_ones_the_table_marks(shift: float) -> 
             np.testing.assert_array_equal(batch.safe[rows], marks)
 
 
+@pytest.mark.slow
 def test_without_a_promise_the_marks_of_the_table_decide(
     rng: np.random.Generator,
 ) -> None:

@@ -640,6 +640,7 @@ def digest(**changes):
     return problem_of(tidal(**changes)).digest
 
 
+@pytest.mark.slow
 def test_the_digest_follows_time_and_input():
     base = digest()
     assert base == digest()
@@ -684,6 +685,7 @@ LINEAR = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LINEAR)
 def test_a_velocity_that_is_linear_in_the_disturbance_is_a_drift_and_a_gain(name, rng):
     velocity, drift, gain = LINEAR[name]
@@ -788,6 +790,7 @@ def test_no_run_is_lost_to_a_disturbance_that_enters_as_it_likes(name, method, r
         assert (outcomes == "reached").all(), starts[outcomes != "reached"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["gain", "velocity"])
 def test_bounds_that_depend_on_the_state_scale_the_disturbance(kind, rng):
     """As if the gain were larger where more is allowed; and outside of a strip nothing pushes at all."""
@@ -863,6 +866,7 @@ def test_what_no_file_can_keep_is_refused_when_it_is_read(monkeypatch):
         dynamics.read(1)
 
 
+@pytest.mark.slow
 def test_black_boxes_are_solved_and_simulated():
     car, opaque = opaque_car()
     assert opaque.time_invariant and opaque.dynamics.reads.tolist() == [[False, False, True]] * 3

@@ -771,6 +771,7 @@ def said(tree):
                 yield from (one for one in plain if isinstance(one, str))
 
 
+@pytest.mark.slow
 def test_no_advice_is_forgotten():
     """Every error of the library that tells what to do has a row, or a test of its own."""
     known = [re.compile(one, re.DOTALL) for one in [*ELSEWHERE, *(pattern for pattern, *_ in CASES.values())]]

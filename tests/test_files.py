@@ -96,6 +96,7 @@ def test_round_trip_of_a_case_study(arm_table, tmp_path):
     assert os.listdir(tmp_path) == ["arm.h5"]  # no temporary left
 
 
+@pytest.mark.slow
 def test_round_trip_of_your_user_problem(table, tmp_path):
     table.save(tmp_path / "own.h5")
     same(table, sdhj.load(tmp_path / "own.h5"))

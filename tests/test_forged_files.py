@@ -52,6 +52,7 @@ def no_library(*arguments, **options):
     raise AssertionError("the HDF5 library saw damaged bytes")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [50, pytest.param(1000, marks=pytest.mark.slow)])
 def test_all_damage_is_found_before_the_library_sees_it(path, rng, count, monkeypatch):
     for damaged in spoiled(path.read_bytes(), rng, count):
@@ -260,6 +261,7 @@ def test_forged_tables_of_formulas_are_refused(golden, tmp_path, forgery):
         sdhj.load(path)
 
 
+@pytest.mark.slow
 def test_long_and_deep_formulas_are_read_in_time(golden, tmp_path):
     path = shutil.copy(golden, tmp_path / "deep.h5")
     with forged(path, named=True) as (told, _):

@@ -231,6 +231,7 @@ def test_the_name_of_another_problem_is_found(of, saved, tmp_path):
     assert shown.exit_code == 2 and "Traceback" not in shown.output
 
 
+@pytest.mark.slow
 def test_the_command_compares_with_a_problem(saved, tmp_path, monkeypatch):
     """A file that is true of its own robot is refused beside another."""
     path = shutil.copy(saved(robot), tmp_path / "forged.h5")
@@ -312,6 +313,7 @@ def test_a_recipe_of_another_arm_is_found(name, arm, tmp_path):
         verify(path, samples=1, progress=False)
 
 
+@pytest.mark.slow
 def test_a_true_recipe_is_believed(arm):
     assert verify(arm, samples=3, progress=False).ok
 
@@ -407,6 +409,7 @@ for path in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="address space is limited as Linux does")
 def test_sizes_are_looked_at_before_anything_is_made_of_them(forever, tmp_path):
     """A sentence, soon, from both readers, in a process that has 3 GB of address space."""
@@ -431,6 +434,7 @@ def test_sizes_are_looked_at_before_anything_is_made_of_them(forever, tmp_path):
 KNOWN = {"many zeros", "parts past counting"}  # a table of nothing that fits; and parts of which a table makes nothing
 
 
+@pytest.mark.slow
 def test_for_ever_is_claimed_by_the_sets_themselves(saved, tmp_path):
     """Sets for some steps cannot say that they are for ever."""
     without_target = dataclasses.replace(problem(robot), target=None, sensing=sdhj.Sensing())

@@ -170,6 +170,7 @@ def test_the_smallest_axes_that_move_alone(axes, closed):
     assert problem.avoid_axes(part) == closed
 
 
+@pytest.mark.slow
 def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them(monkeypatch):
     """What the other coordinates do cannot be seen in the tubes; with as many time steps the numbers are the same."""
     run_plainly(monkeypatch)
@@ -215,6 +216,7 @@ def test_nothing_fast_slips_between_the_time_steps(method):
         assert (tube[inner] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("peak", [0.375, 0.5])
 @pytest.mark.parametrize("method", ["fixed", "lax"])
 def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method, peak):
@@ -334,6 +336,7 @@ def clear_of_a_disk(points, drift, along, bound, radius, duration):
     return clear
 
 
+@pytest.mark.slow
 def test_avoid_games_converge_where_one_push_moves_two_axes(rng):
     """An adversary along (1, 1): its bounding box is stronger, and tubes of that never come to the true ones.
 

@@ -184,6 +184,7 @@ def test_thin_gaps_stay_open_under_a_push_of_many_cells(method: Any, nodes: int)
     assert sdhj.solve(thin(81), FIXED).fraction() > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.145, 0.155, 0.165])
 def test_holes_between_disks_stay_open(radius: float) -> None:
     """Nine copies of a disk that touch: what is left between them is filled from all sides."""
@@ -304,6 +305,7 @@ def warned(problem: ReachAvoidProblem, method: Any = "hji") -> tuple[str, Any]:
     return " ".join(said), table
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("solves_are_played")
 def test_gaps_that_the_grid_fills_are_said_and_the_advice_is_right() -> None:
     for method, nodes, enough in (("hji", 161, "513"), (FIXED, 321, "2,561")):
@@ -330,6 +332,7 @@ def test_thin_gaps_are_said_and_the_advice_is_right(method: Any, nodes: int, eno
     assert said == "" and table.played(1000).lost < 20
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("solves_are_played")
 def test_holes_are_said_and_the_advice_is_right() -> None:
     """Along both axes, and along x where copies touch along y as well."""
@@ -377,6 +380,7 @@ def test_gaps_are_not_said_where_there_are_none() -> None:
     assert warned(line(321))[0] == ""  # the disturbance pushes a cell
 
 
+@pytest.mark.slow
 def test_gaps_along_some_axes_of_a_robot_that_turns() -> None:
     def drift(q: Any, u: Any) -> Any:
         return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)

@@ -402,6 +402,7 @@ def yard(*unsafe: UnsafeSet) -> sdhj.ReachAvoidProblem:
     return sdhj.ReachAvoidProblem(sdhj.Grid([0, 0], [4, 4], [21, 21]), dynamics, target, unsafe, 0.25, 2)
 
 
+@pytest.mark.slow
 def test_the_tables_of_a_problem_count_together_for_all_who_read_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -437,6 +438,7 @@ def test_a_large_map_is_saved_loaded_and_verified(tmp_path: Path) -> None:
     assert loaded.fraction() > 0.02 and verify(tmp_path / "large.h5", progress=False).ok
 
 
+@pytest.mark.slow
 def test_threads_save_and_load_at_once(tmp_path: Path) -> None:
     """To HDF5, files in memory that have one name are one file."""
     office = UnsafeSet.from_map(np.eye(20, dtype=bool)[::-1], resolution=0.2)
@@ -479,6 +481,7 @@ def test_memory_is_stated_before_it_is_taken(written: Callable[..., Path], monke
         assert time.perf_counter() - began < LONGEST
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="peaks of memory are told by Linux")
 def test_a_map_takes_no_more_memory_than_is_stated() -> None:
     """From the pixels to a table that is asked; in a process of its own, whose peak is set back."""
@@ -651,6 +654,7 @@ def flat_problem(nodes: tuple[int, int], part: UnsafeSet) -> sdhj.ReachAvoidProb
     )
 
 
+@pytest.mark.slow
 def test_a_robot_comes_through_the_door_of_its_map(written: Callable[..., Path]) -> None:
     """Solved, certified by the bounds of its formula, and no run meets a square."""
     part = UnsafeSet.from_map(written(), radius=0.02)

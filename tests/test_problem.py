@@ -155,6 +155,7 @@ def test_whole_numbers_may_come_as_floats_and_arrays_are_copied():
     assert dynamics.inputs == dynamics.drift == dynamics.gain == dynamics.bounds == 1.0
 
 
+@pytest.mark.slow
 def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
     """A run is followed beyond the ends of a periodic axis; the user's functions, here black boxes, never are."""
     grid = Grid([-np.pi, 0.0], [np.pi, 1.0], (64, 9), (True, False))

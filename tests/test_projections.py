@@ -265,6 +265,7 @@ def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(
     assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
 
 
+@pytest.mark.slow
 def test_with_velocities_in_time_they_are_too():
     """A tide in x, gusts that grow in y and z: the sets are nowhere larger than the full ones, and not empty."""
     problem = chase_problem(moving=True, view_time="instantaneous")

@@ -50,6 +50,7 @@ def lost(table, rng, half=0.05):
     return (outcomes != "reached").mean()
 
 
+@pytest.mark.slow
 def test_a_wall_between_the_nodes_is_told_and_where_and_how_many_nodes_it_takes(rng):
     with pytest.warns(ResolutionWarning, match=r"'plan' hides between the nodes at x1 = 4\.1") as told:
         blind = sdhj.solve(room())
@@ -205,6 +206,7 @@ def test_what_is_seen_but_thin_is_told(name):
         check_resolution(hall(THIN[name]))
 
 
+@pytest.mark.slow
 def test_a_thin_wall_is_told_with_its_place_thickness_and_the_nodes_that_resolve_it():
     with pytest.warns(ResolutionWarning) as told:
         check_resolution(hall(wall(3.0, 0.11)))
@@ -389,6 +391,7 @@ def test_between_many_nodes_a_set_is_sought_if_none_is_in_it(monkeypatch):
         check_sets(on_the_ring(**seen))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "certified"])
 def test_and_says_it_of_cells_of_velocities_and_of_sets_that_move(method):
     jumps = lambda q, u: np.stack([np.full(len(q), u[0]), u[1] + 0.1 * q[:, 0]], axis=1)  # noqa: E731
@@ -402,6 +405,7 @@ def test_and_says_it_of_cells_of_velocities_and_of_sets_that_move(method):
             sdhj.solve(on_the_ring(**changes), METHODS[method], play=False, progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "certified"])
 def test_what_is_periodic_or_comes_by_is_not_told(method):
     around = lambda q, u: np.stack([u[0] - 0.3 * np.sin(q[:, 0]), np.full(len(q), u[1])], axis=1)  # noqa: E731

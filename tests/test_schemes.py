@@ -116,6 +116,7 @@ def test_constant_velocities_equal_the_slow_twin(rng, monkeypatch, plain, flux, 
     np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING if double else SINGLE_ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plain", "flux"), either(FLUXES))
 @pytest.mark.parametrize("one_sided", [(), (2,), (0, 3), (0, 1, 2), (0, 1, 2, 3)])
 def test_axes_that_are_left_in_one_direction_only_equal_the_slow_twin(rng, monkeypatch, plain, flux, one_sided):
@@ -335,6 +336,7 @@ def test_mirror_image_and_translation(rng, monkeypatch, plain, kind):
     np.testing.assert_allclose(np.roll(moved, -5, axis=0), straight, rtol=0, atol=atol)
 
 
+@pytest.mark.slow
 def test_single_precision_stays_within_its_rounding(monkeypatch):
     grid = Grid([-1.0] * 4, [1.0] * 4, (7, 7, 6, 6), (True, True, False, False))
     # no symmetry: where the two second differences tie in size, rounding alone picks ENO's stencil
@@ -423,6 +425,7 @@ def test_inputs_at_once_are_those_one_by_one(rng, fields):
     assert terms_of_inputs(grid, [each[0], coupled], scheme) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [2, 3])
 def test_a_half_turn_changes_no_bit_of_a_table(monkeypatch, order):
     """In the fixed frame; in the moving one, in double precision, no more than rounding."""

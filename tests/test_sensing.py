@@ -93,6 +93,7 @@ def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
     assert table.contains([going_on], start=0, within=n)[0] and not controller.admissible(going_on, step=0)
 
 
+@pytest.mark.slow
 def test_a_wall_and_an_unsafe_end_keep_twice_the_box_away():
     cut, box = interval_tables(PLAYED, wall=1.2)[0], closed_form(PLAYED, 0)[1]
     edge = 1.2 - 2 * box
@@ -261,6 +262,7 @@ def test_no_run_is_lost_and_without_sensing_some_are(adversary, rule):
     assert control.counts["reached"] < 1500
 
 
+@pytest.mark.slow
 def test_staying_clear_of_unsafe_ends():
     """Without a target too: no run is lost, and without sensing some are."""
     problem = replace(toys.interval_problem(unsafe=False), target=None, grid=Grid([-1.2], [1.2], [97]))
@@ -480,6 +482,7 @@ def test_what_is_refused_of_problems():
         replace(staying, sensing=Sensing(0.1, memory=False))
 
 
+@pytest.mark.slow
 def test_runs_follow_the_steps_of_the_table():
     sure, plain = interval_tables(PLAYED)
     few = sdhj.monte_carlo(Controller(sure), 300, steps=2, progress=False)  # fewer than the table has

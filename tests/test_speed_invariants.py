@@ -73,6 +73,7 @@ def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
     assert len(table.tubes) <= 7 and len(table.index) == 28
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "lax", "projected"])
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 def test_few_loops_are_shared_out(monkeypatch, method):
@@ -173,6 +174,7 @@ def test_constant_velocities_and_the_same_as_fields_agree(rng, shape, order, flu
         np.testing.assert_allclose(fused, general, rtol=0, atol=ROUNDING * 100)  # velocity / spacing is up to about 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", [8, 40, 10_000])
 @pytest.mark.parametrize(("plain", "order"), [(False, 2), (True, 3), pytest.param(False, 3, marks=pytest.mark.slow)])
 def test_the_length_of_the_loops_does_not_matter(monkeypatch, rng, run, plain, order):
@@ -231,6 +233,7 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
         sdhj.solve(problem)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 @pytest.mark.parametrize(
     "gain",
@@ -308,6 +311,7 @@ def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch
         Grid([-1] * 4, [1] * 4, [1000] * 4).points()
 
 
+@pytest.mark.slow
 def test_pieces_at_random_are_the_pieces():
     grid = Grid([0.0] * 3, [1.0] * 3, (7, 100, 301), (True, False, False))
     points = np.concatenate([piece.points() for piece in grid.pieces_at_random(100, 1, np.random.default_rng(3))])

@@ -291,6 +291,7 @@ def test_no_run_from_within_the_exact_tube_is_lost(name, adversary, rng):
     assert len(starts) > 400
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tide", "gusts"])
 def test_who_ignores_time_is_lost(name, rng):
     """From states that the table of someone who freezes the field at t = 0 calls sure, the adversary wins every run.

@@ -185,6 +185,7 @@ def test_the_gust_by_brute_force():
     assert box < 0.6 * lax
 
 
+@pytest.mark.slow
 def test_the_octagon_by_brute_force():
     """As above: 0.1582 and 0.1618, where the square has 0.0452."""
     target = lambda p: np.hypot(p[:, 0] - 3.4, p[:, 1] - 1.5) - 0.4  # noqa: E731
@@ -196,6 +197,7 @@ def test_the_octagon_by_brute_force():
     assert share(octagon(gain=np.eye(2), bounds=[0.3, 0.3]), "lax") < 0.4 * lax
 
 
+@pytest.mark.slow
 def test_the_games_converge_to_brute_force():
     """The set where the winner is not the same shrinks with the nodes: 3 steps of the gust at 41 to 161 nodes."""
     errors = []
@@ -215,6 +217,7 @@ def carried(drift):
     return sdhj.ReachAvoidProblem(problem.grid, dynamics, problem.target, problem.unsafe, 0.1, 3)
 
 
+@pytest.mark.slow
 def test_a_drift_that_changes_with_time_leaves_segments():
     """A conveyor whose speed differs by 5 % within the horizon is like one that keeps its speed."""
     timed = carried(lambda q, u, t: u + np.stack([0.1 * np.cos(t), 0.0 * t]))
@@ -222,6 +225,7 @@ def test_a_drift_that_changes_with_time_leaves_segments():
     assert share(timed, "lax") == pytest.approx(share(carried(COMPASS + np.array([0.1, 0.0])), "lax"), rel=0.02)
 
 
+@pytest.mark.slow
 def test_intervals_that_may_end_early_keep_their_shape():
     sensing = sdhj.Sensing(jitter=0.01, memory=False)
     lax, hji = (share(gust(61, steps=5, sensing=sensing), method) for method in ("lax", "hji"))
@@ -265,6 +269,7 @@ def pursued(nodes, steps=8):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "more"), [("lax", 0.03), pytest.param("hji", 0.05, marks=pytest.mark.slow, id="hji")]
 )
@@ -289,6 +294,7 @@ def states_of(table, rng, count=4000):
 CASES = {"gust": gust(), "gust, fine": gust(121), "octagon": octagon(), "octagon, fine": octagon((161, 121))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "lax"])
 @pytest.mark.parametrize("name", ["gust", "gust, fine", "octagon", "octagon, fine"])
 def test_few_states_are_without_a_safe_input(rng, name, method):
@@ -297,6 +303,7 @@ def test_few_states_are_without_a_safe_input(rng, name, method):
     assert len(safe) > 2000 and np.mean(~safe.any(axis=1)) <= 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gust", "octagon"])
 def test_margins_are_the_largest_values_that_can_be_brought_about(rng, name):
     """At a fine net of points of the set none is larger by more than what a quarter of a cell is worth."""
@@ -405,6 +412,7 @@ def test_too_many_points_are_a_box():
     assert margin >= problem.grid.interpolate(values, corners).max() - 1e-9
 
 
+@pytest.mark.slow
 def test_the_filter_lets_pass_what_the_box_refuses(rng):
     """The same states behind the filter: nearly all have a promise, and the worst adversary breaks few."""
     table = solved(gust(121), "hji")

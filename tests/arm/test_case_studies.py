@@ -177,6 +177,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [small, small_evader])
 def test_any_argument_changes_the_digest_and_all_survive_the_round_trip(build):
     base = build()
@@ -201,6 +202,7 @@ def test_problems_can_be_pickled_also_after_use(build):
     np.testing.assert_array_equal(copy.unsafe_value(states, 0.1), values)
 
 
+@pytest.mark.slow
 def test_every_number_of_a_disk_changes_the_digest():
     def numbers(disk):
         path = disk["path"]

@@ -53,6 +53,7 @@ def plain(path):
     return Disk(path, 0.0).describe()["path"]
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(path=paths, a=point, b=point, t0=times, length=st.floats(0.0, 2.0) | st.sampled_from([0.0, 1.0]))
 @example(path=Circle((0.0, 0.0), 1.0, 2 * math.pi, 0.0), a=(0.0, 0.0), b=(0.0, 0.0), t0=0.0, length=1.0)  # at centre
@@ -68,6 +69,7 @@ def test_swept_distance_is_the_infimum_over_time(path, a, b, t0, length):
     assert exact >= least - path.speed * length / (samples - 1) / 2 - ROUNDING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
 def test_swept_distance_converges_to_dense_sampling(path):
     """Away from a crossing the sampling error is of second order, so it must fall far below the Lipschitz bound."""

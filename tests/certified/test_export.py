@@ -407,6 +407,7 @@ def damaged(data, rng, count):
         yield bytes(bad) if bytes(bad) != data else data[:-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [500, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_damaged_and_truncated_files_are_refused(exported, count):
     c, rng = exported("torus"), np.random.default_rng(0)
@@ -420,6 +421,7 @@ def test_damaged_and_truncated_files_are_refused(exported, count):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("torus", 1500), ("tide, remembering", 300), ("noisy, remembering", 300)])
 def test_numbers_that_lie_are_refused_or_harmless_although_the_checksum_fits(exported, name, count):
     """Whoever writes a checksum of his own may get wrong answers, but reads no byte that is not of the table."""
@@ -469,6 +471,7 @@ int main(void) {
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["gcc", "g++", "clang", "clang++"])
 @pytest.mark.parametrize("name", ["torus", "oddly named"])
 def test_compilers_find_nothing_to_say(exported, compiler, name):
@@ -483,6 +486,7 @@ def test_compilers_find_nothing_to_say(exported, compiler, name):
         subprocess.run(command, input=PROGRAM.encode(), check=True)
 
 
+@pytest.mark.slow
 def test_fused_multiply_adds_change_nothing(exported, monkeypatch):
     monkeypatch.setattr("sdhj.certified.export.FLAGS", ("-std=gnu99", "-O3", "-march=native", "-shared", "-fPIC"))
     table = solved("car")

@@ -47,6 +47,7 @@ def ended(problem, states, j, rng, pieces, fine=6):
     return x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_no_state_ends_outside_the_lines(name, tables, rng):
     """Whether v is held, switches or changes all the time; and a line is narrower than the box somewhere."""
@@ -74,6 +75,7 @@ def test_no_state_ends_outside_the_lines(name, tables, rng):
     assert short > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gust", "between walls", "car"])
 def test_sets_are_all_that_follows_by_plain_loops(name, tables):
     """Every cell for which some input is clear and leads, line by line, into the set of a step less."""
@@ -246,6 +248,7 @@ FORGERIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORGERIES)
 def test_what_is_false_of_lines_is_refused(name, tables, tmp_path):
     robot, change, sentence = FORGERIES[name]
@@ -253,6 +256,7 @@ def test_what_is_false_of_lines_is_refused(name, tables, tmp_path):
     assert sentence in said(tmp_path / "forged.h5", change)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cells", "least"), [(96, 0.075), (480, 0.85 * 0.1375)])
 def test_the_share_is_near_that_of_brute_force(cells, least):
     """.1375 of all states by brute force, of polygons on a fine grid; by boxes .0722."""

@@ -74,6 +74,7 @@ def test_boxes_are_cut_where_axes_end_and_close(rng):
             assert ((pieces[0] <= spot + 1e-12) & (spot - 1e-12 <= pieces[1])).all(axis=1).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(16))
 def test_cells_are_struck_as_plain_loops_say(seed):
     """Boxes on one to three axes, of one lattice or one for each part; lines or single cells; unsafe and safe ends."""

@@ -163,6 +163,7 @@ def in_units(name, length, time=1.0):
 pytestmark = pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("power", POWERS)
 def test_powers_of_two_make_no_difference(name, power, tmp_path):
@@ -181,6 +182,7 @@ def test_powers_of_two_make_no_difference(name, power, tmp_path):
 GRIDS = [name for name, (*_, grid) in ROBOTS.items() if grid]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GRIDS)
 def test_powers_of_two_scale_the_tubes_of_a_grid(name):
     """Level-set functions are in units of the first axis, and in cells where a table for ever has settled."""
@@ -194,6 +196,7 @@ def test_powers_of_two_scale_the_tubes_of_a_grid(name):
             assert np.array_equal(plain.inputs(within=within), other.inputs(within=within))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GRIDS)
 def test_other_units_make_a_node_of_difference(name):
     plain = solved(name, in_units(name, 1.0), "hji")
@@ -203,6 +206,7 @@ def test_other_units_make_a_node_of_difference(name):
         assert plain.steps == other.steps and differ.mean() < 0.5 / max(plain.grid.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("unit", DECIMALS)
 def test_other_units_make_a_cell_of_difference(name, unit, tmp_path):
@@ -229,6 +233,7 @@ def test_numbers_are_read_alike_at_every_power_of_two(value):
 # ---- a reserve for rounding
 
 
+@pytest.mark.slow
 def test_a_promised_run_has_a_reserve_for_rounding():
     """From states bisected to the boundary of what `contains` says, none is without an answer after a step."""
     inputs = np.array([[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)])

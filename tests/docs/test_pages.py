@@ -68,6 +68,7 @@ def test_commands_that_are_named_are_there() -> None:
     assert set(re.findall(r"`(\w+)`", listed[1])) == set(main.commands) == named
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*is certified")  # few cells: next to nothing is
 def test_the_command_line_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands as they stand there, on few cells and nodes."""
@@ -147,6 +148,7 @@ def recipes(played: tuple[dict[str, Any], list[tuple[str, str]]]) -> dict[str, A
     return played[0]
 
 
+@pytest.mark.slow
 def test_each_recipe_prints_what_is_shown(played: tuple[dict[str, Any], list[tuple[str, str]]]) -> None:
     """Word for word; numbers to 5 %: another machine rounds elsewhere, and another NumPy may draw other noise."""
     names, said = played
@@ -162,6 +164,7 @@ def test_each_recipe_prints_what_is_shown(played: tuple[dict[str, Any], list[tup
     assert {"office.yaml", "keep_out.pgm", "pictures/office.png"} <= set(names["files"])
 
 
+@pytest.mark.slow
 def test_the_map_and_the_desk_are_avoided(recipes: dict[str, Any]) -> None:
     controller = recipes["controller"]
     assert sdhj.monte_carlo(controller, runs=300, adversary="worst", seed=0, progress=False).rate("collided") < 0.005
@@ -196,6 +199,7 @@ def test_a_robot_in_the_mask_gets_out_and_on(recipes: dict[str, Any], rng: np.ra
         assert (both > 0.2).all() and (np.abs(both[crossed, 1] - 1.5) < 0.5).all()  # the door
 
 
+@pytest.mark.slow
 def test_a_fence_holds_the_robot_and_the_pond_keeps_it_out(recipes: dict[str, Any], rng: np.random.Generator) -> None:
     table = recipes["fenced_in"]
     boxes = np.array([[[0.35, 0.35], [2.45, 2.65]], [[0.35, 0.35], [3.65, 1.75]]])  # the two halves less the radius
@@ -323,6 +327,7 @@ def test_every_rule_is_on_the_page_and_the_lines_are_read_again() -> None:
     np.testing.assert_allclose(found[0], np.hypot(states[:, 0] - 0.4, states[:, 1]) - 0.5, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_gymnasiums_recipe_arrives(recipes: dict[str, Any]) -> None:
     pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'sdhj[gym]'")
     (code,) = (code for code in blocks(SITE / "recipes.md") if "environment" in code)
@@ -343,6 +348,7 @@ def test_large_problems_are_solved_as_the_page_says(
     np.testing.assert_array_equal(names["table"].values(start=0, within=4), memory.values(start=0, within=4))
 
 
+@pytest.mark.slow
 def test_a_worked_problem_is_played(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "path", [str(ROOT / "figures"), *sys.path])
     (code,) = blocks(SITE / "worked.md")

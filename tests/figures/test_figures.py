@@ -130,6 +130,7 @@ LONG = LEFT_OUT | {"fig08_lookup_table", "fig13_isosurface"}  # the main job dra
 EACH = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in NAMES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EACH)
 def test_figures_are_drawn_whole(drawn, name):
     figure = drawn(name)
@@ -339,6 +340,7 @@ def test_sampled_data_picture():
     assert all(len(ax.get_legend().get_texts()) == count for ax, count in ((above, 3), (below, 2)))
 
 
+@pytest.mark.slow
 def test_the_way_through_the_table(context, drawn):
     table, run, figure = context.table("hji"), context.run, drawn("fig08_lookup_table")
     cells = {ax.get_gid() for ax in figure.axes} - {None}
@@ -352,6 +354,7 @@ def test_the_way_through_the_table(context, drawn):
         assert not table.contains(state, start=k, within=n - 1)[0]
 
 
+@pytest.mark.slow
 def test_write_and_refusals(context, tmp_path):
     files = write("fig09_spaces", context, tmp_path / "new" / "folder", formats=("svg",))
     assert [path.name for path in files] == ["fig09_spaces.svg"] and files[0].stat().st_size > 5000
@@ -381,6 +384,7 @@ def test_the_main_jobs_figures_are_written(context, tmp_path):
 # ---- the scripts
 
 
+@pytest.mark.slow
 def test_a_script_writes_its_figure_and_the_gallery_shows_it_small(tmp_path, monkeypatch):
     result = CliRunner().invoke(command_of("fig09_spaces.py"), ["--nodes", "9", "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
@@ -407,6 +411,7 @@ def test_a_script_refuses_in_one_line(tmp_path, monkeypatch, options, said):
     assert len(result.output.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "said"),
     [("fig10_tubes", "reach-avoid tubes"), pytest.param("make_all", "Every figure", marks=pytest.mark.slow)],

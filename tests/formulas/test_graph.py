@@ -73,6 +73,7 @@ def test_what_is_simplified():
     assert rebuilt([make("mul", X, Y)], lambda one: ZERO if one is X else None) == [ZERO]
 
 
+@pytest.mark.slow
 def test_a_deep_graph_needs_no_recursion():
     node = X
     for _ in range(10_000):
@@ -321,6 +322,7 @@ class Reader:
         return value
 
 
+@pytest.mark.slow
 @np.errstate(all="ignore")
 def test_mathematics_reads_as_what_is_computed():
     rng, letters = random.Random(0), 0

@@ -82,6 +82,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_slabs_give_every_bit(case, tmp_path, monkeypatch):
     make, method, width = CASES[case]

@@ -133,6 +133,7 @@ def test_tubes_at_the_corners_of_the_sliders(table, px, py, start, within):
     assert {gid for gid in drawn if gid.startswith("tube") and "edge" not in gid} == inside
 
 
+@pytest.mark.slow
 def test_constraints_move_with_time_and_pursuer(table):
     problem = table.problem
     here, there, later = axes(), axes(), axes()
@@ -274,6 +275,7 @@ def picture() -> Figure:
     return figure
 
 
+@pytest.mark.slow
 def test_the_same_figure_gives_the_same_bytes(tmp_path, caplog):
     first = plotting.save(picture(), tmp_path / "a", "p", ("pdf", "svg", "png"))
     second = plotting.save(picture(), tmp_path / "b", "p", ("pdf", "svg", "png"))

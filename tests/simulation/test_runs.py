@@ -59,6 +59,7 @@ def test_a_start_in_the_target_has_arrived() -> None:
     assert run.states.tolist() == [[0.5]] and run.times.tolist() == [0.0] and run.disturbances.shape == (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", PLAYERS)
 def test_angles_run_on_without_jumps(adversary: str) -> None:
     controller = Controller(toys.arm_table())
@@ -171,6 +172,7 @@ def test_arm_succeeds_as_often_as_the_grid_allows() -> None:
 # ---- monte_carlo
 
 
+@pytest.mark.slow
 def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     controller = Controller(toys.torus_table())
     runs = simulation.CHUNK + 500
@@ -251,6 +253,7 @@ def test_a_start_that_is_not_admissible() -> None:
         simulate(controller, [0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_an_empty_tube_has_no_starts() -> None:
     table = toys.interval_table()
     nothing = Controller(replace(table, tubes=read_only(np.ones_like(table.tubes))))

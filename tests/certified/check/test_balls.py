@@ -46,6 +46,7 @@ def test_every_operation_has_a_second_opinion(op, monkeypatch, rng):
     assert len(balls.outside(formula(op), *boxes(rng), (0.0, 1.0), 0)[1]) > 250
 
 
+@pytest.mark.slow
 def test_a_root_that_is_off_is_found(monkeypatch, tmp_path):
     """By a share of 1e-9, as a library might be that was written for games."""
     path = save("windy", tmp_path / "table.h5")

@@ -56,6 +56,7 @@ def line(hazards, delta=1.0, **changed):
 # ---- the judge
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", ["none", "worst", "nearer", "outward"])
 @pytest.mark.parametrize("side", [1, -1])
 def test_who_starts_beyond_its_braking_distance_is_lost_and_who_starts_before_is_not(adversary, side):
@@ -197,6 +198,7 @@ def test_a_problem_is_built_of_what_the_judge_knows(name, rng):
     )
 
 
+@pytest.mark.slow
 def test_which_sets_move_is_read_from_them():
     moving = {name: [part.name for part in build().unsafe if part.moving] for name, build in ROBOTS.items()}
     moves = {"forklift": ["gate"], "merging": ["car behind", "car in front"]}
@@ -223,6 +225,7 @@ def test_bounds_of_rates_are_exact():
     assert bounds(45, 50) == pytest.approx((1 - high, 1 - low)) and low < 0.1 < high
 
 
+@pytest.mark.slow
 def test_the_command_writes_its_table(tmp_path):
     options = ["--robot", "rail", "--method", "hji", "--runs", "20", "--steps", "5", "--out", str(tmp_path)]
     done = CliRunner().invoke(main, options)
@@ -255,6 +258,7 @@ def number(text):
 PLAYED = 500  # starts, as the page says
 
 
+@pytest.mark.slow
 def test_the_page_has_a_row_for_each_robot_and_method():
     wanted = []
     for name, build in FLEET.items():
