@@ -12,6 +12,7 @@ import naive_controller
 import numpy as np
 import pytest
 import toys
+from parameters import but_slow
 
 import sdhj
 from sdhj.kernels import read_only
@@ -172,7 +173,7 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
     return boxes, order, avoid, told
 
 
-@pytest.mark.parametrize("name", [*NAMES, DOUBLE])
+@pytest.mark.parametrize("name", [*but_slow(NAMES, "misled", "arm", "coupled", "misled car"), DOUBLE])
 def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
     table, seen = tables[name] if name != "double" else double_table(), set()
     controller = Controller(table)
@@ -193,7 +194,7 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
     assert None in seen and len(seen) >= 3  # states in and out of the tubes were compared
 
 
-@pytest.mark.parametrize("name", [*NAMES, DOUBLE])
+@pytest.mark.parametrize("name", [*but_slow(NAMES, "misled", "arm"), DOUBLE])
 def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
     table, promised = tables[name] if name != "double" else double_table(), set()
     for step in range(table.steps):
@@ -219,7 +220,7 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
     assert 1 in promised
 
 
-@pytest.mark.parametrize("bounds", [0.4, 2.0, 0.0])
+@pytest.mark.parametrize("bounds", but_slow([0.4, 2.0, 0.0], 2.0))
 def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.Generator) -> None:
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)

@@ -11,6 +11,7 @@ import naive_projections as naive
 import numpy as np
 import pytest
 import toys
+from parameters import but_slow
 
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
@@ -761,7 +762,7 @@ def bent_problem(name):
 
 
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=(80, 80))], ids=["hji", "certified"])
-@pytest.mark.parametrize("name", BENT)
+@pytest.mark.parametrize("name", but_slow(BENT, "product"))
 def test_no_run_is_lost_to_a_disturbance_that_enters_as_it_likes(name, method, rng):
     """Plant and adversaries of the test's own: anywhere in its box or at corners, switching within the step."""
     table = sdhj.solve(bent_problem(name), method, progress=False)

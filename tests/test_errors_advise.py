@@ -16,6 +16,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from parameters import but_slow
 from toys import interval_problem, unicycle_problem
 
 import sdhj
@@ -726,8 +727,12 @@ def solve_robot(folder, *options):
     command("solve", f"{folder / 'robot.py'}:problem", "-o", folder / "t.h5", *options)
 
 
+LONG = ["images of too many cells", "a loop of a table that forgets", "no compiler", "a solve and no memory"]
+LONG += ["an ending", "a set below its sweep"]
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", but_slow(CASES, *LONG))
 def test_advice_of_an_error_is_followed_once(name, tmp_path):
     pattern, wrong, followed = CASES[name]
     with pytest.raises(

@@ -12,6 +12,7 @@ import make_golden
 import numpy as np
 import pytest
 from forging import forged
+from parameters import but_slow
 from toys import interval_problem, one_row, small_torus_table, torus_problem, unicycle_problem
 
 import sdhj
@@ -288,8 +289,11 @@ def agree(one, other, rng):
     assert all(np.array_equal(run.starts, runs[0].starts) for run in runs)
 
 
+LONG = ["gridded, certified", "swept", "velocity", "velocity, certified", "time and state"]
+
+
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", but_slow(CASES, *LONG))
 def test_a_table_of_any_robot_is_read_from_its_file_alone(name, tmp_path, rng):
     problem, method = CASES[name]
     table = sdhj.solve(problem(), method, progress=False)

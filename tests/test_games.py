@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from parameters import but_slow
 from plain import run_plainly
 from toys import ends_of, interval_problem, torus_problem, unicycle_problem
 
@@ -79,7 +80,7 @@ def test_frames_and_dynamics_choose_the_path():
     assert not HJIGames(unicycle_problem(), USUAL).moving_frame
 
 
-@pytest.mark.parametrize("view_time", ["swept", "instantaneous"])
+@pytest.mark.parametrize("view_time", but_slow(["swept", "instantaneous"], "instantaneous"))
 def test_joint_game_equals_the_decomposed_ones_up_to_scheme_error(view_time):
     gaps = []
     for nodes in (16, 32, 64):

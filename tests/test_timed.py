@@ -12,6 +12,7 @@ import judge
 import naive
 import numpy as np
 import pytest
+from parameters import but_slow
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, Grid, HopfLax, ReachAvoidProblem, TargetSet, UnsafeSet
@@ -147,7 +148,7 @@ def table(name, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", but_slow(CASES, "tide", "gusts", "calming"))
 def test_tubes_and_marks_are_the_intervals_of_the_twin(name, method):
     found, (tubes, marked) = table(name, method), exact(name)
     grid, worst = found.grid, 0.0
@@ -430,6 +431,7 @@ def test_a_turning_game_is_the_one_along_a_turning_axis():
     assert wrong[1][1] < wrong[0][1] / 1.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", ["up", "down", "switching", "away"])
 def test_no_run_of_the_turning_game_is_lost(adversary, rng):
     game, table = Turning.game, turning_table(25)

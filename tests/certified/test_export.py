@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import test_memory
 import toys
+from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check import verify
@@ -182,7 +183,11 @@ def assert_alike(table, c, states, step):
             assert np.array_equal(chosen[status == 0], told.inputs[told.promised])
 
 
-@pytest.mark.parametrize("name", CASES)
+LONG = ["arm", "car", "car, remembering", "65 inputs", "289 inputs", "moves", "oddly named"]
+LONG += ["tide, remembering", "torus, remembering"]
+
+
+@pytest.mark.parametrize("name", but_slow(CASES, *LONG))
 def test_c_answers_as_python_does(exported, name):
     table, c = solved(name), exported(name)
     assert c.selftest() == 0

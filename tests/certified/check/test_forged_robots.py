@@ -10,6 +10,7 @@ import pytest
 from changes import unlisted
 from forged_robots import CLEAR, FORGERIES, NEARER, ROBOTS, save
 from naive_certified import CIRCLE, LINE, SMALL, STILL
+from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check import verify, windows
@@ -83,7 +84,10 @@ def fail_always(*_):
     raise Unbounded("nothing was found")
 
 
-@pytest.mark.parametrize("name", FORGERIES)
+LONG = ["a wall that holds", "the tide of another hour", "gusts that grow", "gusts of another input"]
+
+
+@pytest.mark.parametrize("name", but_slow(FORGERIES, *LONG))
 def test_what_is_false_is_refused_with_its_sentence(name, files, tmp_path):
     forgery = FORGERIES[name]
     path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")

@@ -8,6 +8,7 @@ import flint
 import naive_formulas as naive
 import numpy as np
 import pytest
+from parameters import but_slow
 
 from sdhj.certified.check.intervals import JUMPS, RULES, UNITS, gridded, sure
 
@@ -195,7 +196,7 @@ def test_an_end_that_is_not_finite_makes_both_unknown(ends, large):
 
 
 @pytest.mark.parametrize("exact", [4, 256])
-@pytest.mark.parametrize("shape", [(9,), (7, 12), (2, 5, 4), (2, 3, 2, 2)])
+@pytest.mark.parametrize("shape", but_slow([(9,), (7, 12), (2, 5, 4), (2, 3, 2, 2)], (2, 3, 2, 2)))
 def test_tables_are_interpolated(shape, exact, rng, monkeypatch):
     """Inside; and of a box with few nodes, the extremes are attained at a corner or a node."""
     monkeypatch.setattr("sdhj.certified.check.intervals.MOST_NODES", exact)
