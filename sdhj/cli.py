@@ -186,7 +186,7 @@ def solve_command(
         try:
             table.save(output)
         except OSError as error:  # as on a full disk
-            kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
+            kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.npz"
             table.save(kept)
             raise Refusal(f"{error}; the table was saved as {kept} instead") from error
     name, steps = click.format_filename(cast(Path, output or store)), table.steps
@@ -238,7 +238,7 @@ def info(table: Path) -> None:
         head = head_of_store(table)[0]
         mathematics = in_mathematics(head, functions_of(table))
     else:
-        with opened_table(table) as (head, file):
+        with opened_table(table, check=True) as (head, file):
             mathematics = in_mathematics(head, arrays_in(file))
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
@@ -328,7 +328,7 @@ def verify_command(
     if of_folder is not None:
         exported, table = (table / "sdhj_table.bin" if table.is_dir() else table), of_folder
     elif (table / "sdhj_table.bin").is_file():
-        raise ValueError(f"{table} is the folder of an export; give the table that it was made of: --table table.h5")
+        raise ValueError(f"{table} is the folder of an export; give the table that it was made of: --table table.npz")
     context.exit(0 if checked(table, problem, samples, seed, exported) else 1)
 
 
@@ -519,7 +519,7 @@ def new_command(file: Path) -> None:
         raise ValueError(f"{file} exists; choose another name")
     with replaced_whole(file) as temporary:
         temporary.write_text(NEW_ROBOT.read_text(encoding="utf-8"), encoding="utf-8")
-    table = file.with_suffix(".h5")
+    table = file.with_suffix(".npz")
     click.echo(f"{file}: a car that you can change. Next: sdhj solve {file}:problem --method certified -o {table}")
 
 
@@ -549,7 +549,7 @@ def compile_kernels(robot: str, method: str) -> float:
     monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
     if certified:
         with TemporaryDirectory() as folder:
-            table.save(path := Path(folder) / "certified.h5")
+            table.save(path := Path(folder) / "certified.npz")
             check(path, samples=10, progress=False)
     return time.perf_counter() - began
 

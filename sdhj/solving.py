@@ -25,7 +25,7 @@ from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, TubeSets, recursion
 from sdhj.solver.resolution import check_sets
 from sdhj.table.batches import Table
-from sdhj.table.files import arrays_in, opened_table, problem_of_file, require_entries
+from sdhj.table.files import opened_table, table_in
 from sdhj.table.keeping import Kept
 from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
@@ -318,8 +318,12 @@ def _filled(
     return cast(TubeSets, sets)
 
 
-def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> "Table":
-    """Read a table of any method: a file written by its `save`, or the folder of a store.
+def load(
+    path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None, check: bool | None = None
+) -> "Table":
+    """Read a table of any method: a file that its `save` wrote, or a folder that it was solved into.
+
+    Its arrays are mapped, that is read when they are asked for, unless they are compressed.
 
     Parameters
     ----------
@@ -328,29 +332,32 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         The problem that the table was solved for. It is needed only if it has black boxes (`sdhj.BlackBox`), whose
         functions a file cannot contain. It must be the problem of the solve, up to the rounding of another machine. If
         it has no number of steps, it gets the number in the file.
+    check : bool, optional
+        Whether all arrays are read and compared with their digests, by which damage is found; by default of a table of
+        less than 1 GB. Head, names, types and shapes always are.
 
     Returns
     -------
-    LookupTable, CertifiedTable or StoredTable
+    LookupTable or CertifiedTable
         Of the class that was saved.
 
     Raises
     ------
     OSError
-        If there is no such file, if it cannot be read, or if it is a folder or a device.
+        If there is no such file, if it cannot be read, or if it is a device.
     MemoryError
-        If the table does not fit into the available memory.
+        If a compressed table does not fit into the available memory.
     TableFileError
         If the file is damaged, cut short, of another kind or of another version, or was solved for another problem.
     ValueError
-        If `path` or `problem` has the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
     With the robot on a line of `help(sdhj)`:
 
     >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "line.h5"
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "line.npz"
     >>> table.save(path)
     >>> sdhj.load(path).contains([[-2.1]], start=0, within=3)
     array([ True])
@@ -359,8 +366,6 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
     if isinstance(path, str | os.PathLike) and is_store(path):
         return load_stored(path, problem, player=played)
-    with opened_table(path) as (head, file):
+    with opened_table(path, check) as (head, file):
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
-        require_entries(head, file)
-        problem = problem_of_file(path, head, arrays_in(file), problem)
-        return replace(kind.read(head, file, problem), player=played)
+        return cast(Table, table_in(kind, path, head, file, problem, played))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from forging import describe
 
@@ -445,7 +444,7 @@ def put(arrays: Any, **given: FloatArray) -> None:
 
 
 @contextmanager
-def sets_of(told: Told, arrays: h5py.File) -> Iterator[FloatArray]:
+def sets_of(told: Told, arrays: Any) -> Iterator[FloatArray]:
     """All sets of the file as they count: (entries, *cells) bool, to be changed."""
     shape = told["cells"]["shape"]
     blocks = arrays["pool"][()][arrays["index"][()]].view(np.uint8)

@@ -1,4 +1,4 @@
-"""Makes tests/data/golden_5.h5: a small table in format 5, which later versions read too, or say that they do not.
+"""Makes tests/data/golden_6.npz: a small table in format 6, which later versions read too, or say that they do not.
 
 python tests/make_golden.py
 """
@@ -9,7 +9,7 @@ import numpy as np
 
 import sdhj
 
-FILE = Path(__file__).parent / "data" / "golden_5.h5"
+FILE = Path(__file__).parent / "data" / "golden_6.npz"
 
 
 def golden():

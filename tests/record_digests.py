@@ -221,7 +221,7 @@ def measured(case: Case) -> dict[str, Any]:
         states = of_states(table)
         read = of_single_states(table, states["margins"], states["controller"])
         found = of_values(table) | states | {"to go": read} | of_runs(table) | of_cells(table, case.losing)
-        found |= {"file": of_file(table, Path(folder) / "table.h5"), "problem": table.problem.digest}
+        found |= {"file": of_file(table, Path(folder) / "table.npz"), "problem": table.problem.digest}
         found |= {"steps": table.steps, "stored tubes": len(table.index), "says": repr(table)}
         if stored:
             found["slabs"] = table.details["slabs"]

@@ -59,8 +59,8 @@ def test_a_table_is_that_of_components_along_the_sides(method):
 
 def test_the_sides_are_the_adversary_s_and_files_have_them(tmp_path):
     table = sdhj.solve(room(bounds=sdhj.Ball(0.2)), play=False)
-    table.save(tmp_path / "table.h5")
-    assert sdhj.load(tmp_path / "table.h5", problem=room(bounds=sdhj.Ball(0.2))).problem.dynamics.disturbance_dim == 4
+    table.save(tmp_path / "table.npz")
+    assert sdhj.load(tmp_path / "table.npz", problem=room(bounds=sdhj.Ball(0.2))).problem.dynamics.disturbance_dim == 4
     run = sdhj.simulate(sdhj.Controller(table), [0.5, 0.1], seed=1)
     assert run.disturbances.shape[1] == 4
 
@@ -165,7 +165,7 @@ def test_a_nonlinear_ball_is_kept_in_files(tmp_path):
         return room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(r), pieces=3))
 
     table = sdhj.solve(made(), play=False)
-    table.save(tmp_path / "table.h5")
-    assert sdhj.load(tmp_path / "table.h5", problem=made()).problem.digest == table.problem.digest
+    table.save(tmp_path / "table.npz")
+    assert sdhj.load(tmp_path / "table.npz", problem=made()).problem.digest == table.problem.digest
     with pytest.raises(ValueError, match="bounds"):
-        sdhj.load(tmp_path / "table.h5", problem=made(0.25))
+        sdhj.load(tmp_path / "table.npz", problem=made(0.25))

@@ -24,7 +24,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    path = tmp_path_factory.mktemp("tables") / "arm.h5"
+    path = tmp_path_factory.mktemp("tables") / "arm.npz"
     result = run("solve", "--nodes", 9, "--steps", 3, "-o", path)
     assert result.exit_code == 0, result.output
     assert re.search(r"\d+\.\d% of C", result.output)
@@ -39,7 +39,7 @@ def test_solve_writes_a_table_that_loads(saved):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*is certified")  # few cells: next to nothing is
 def test_cells_go_with_the_certified_method(tmp_path):
-    path = tmp_path / "certified.h5"
+    path = tmp_path / "certified.npz"
     options = ["--nodes", 9, "--steps", 1, "-o", path]
     result = run("solve", *options, "--method", "certified", "--cells", "42,42,12,12")
     assert result.exit_code == 0, result.output
@@ -74,15 +74,15 @@ def test_simulate_plays_one_run_and_many(saved):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["solve", "--nodes", 3, "-o", "x.h5"], "got 3"),
-        (["solve", "--method", "magic", "-o", "x.h5"], "magic"),
-        (["solve", "--steps", 0, "-o", "x.h5"], "steps"),
-        (["solve", "-o", "/nonexistent/folder/x.h5"], "folder"),
+        (["solve", "--nodes", 3, "-o", "x.npz"], "got 3"),
+        (["solve", "--method", "magic", "-o", "x.npz"], "magic"),
+        (["solve", "--steps", 0, "-o", "x.npz"], "steps"),
+        (["solve", "-o", "/nonexistent/folder/x.npz"], "folder"),
         (["solve", "-o", "."], "folder"),
-        (["info", "missing.h5"], "missing.h5"),
-        (["simulate", "missing.h5"], "missing.h5"),
-        (["solve", "--nodes", "9" * 400, "-o", "x.h5"], "nodes must be a whole number from 1 to 1,000,000, got 999"),
-        (["solve", "--steps", "9" * 400, "-o", "x.h5"], "steps must be a whole number from 1 to 1,000,000, got 999"),
+        (["info", "missing.npz"], "missing.npz"),
+        (["simulate", "missing.npz"], "missing.npz"),
+        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "nodes must be a whole number from 1 to 1,000,000, got 999"),
+        (["solve", "--steps", "9" * 400, "-o", "x.npz"], "steps must be a whole number from 1 to 1,000,000, got 999"),
         (["nonsense"], "nonsense"),
     ],
 )
@@ -108,7 +108,7 @@ def test_tubes_without_a_proof_are_not_verified(saved):
 
 
 def test_damaged_file_is_one_line(tmp_path):
-    path = tmp_path / "broken.h5"
+    path = tmp_path / "broken.npz"
     path.write_bytes(b"\x89HDF\r\n\x1a\n then nothing")
     result = run("info", path)
     assert result.exit_code == 2 and "damaged" in result.output and "Traceback" not in result.output
@@ -130,7 +130,7 @@ def test_an_adversary_that_does_nothing(saved):
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
-    path = tmp_path_factory.mktemp("tables") / "own.h5"
+    path = tmp_path_factory.mktemp("tables") / "own.npz"
     sdhj.solve(torus_problem(nodes=12, steps=2), progress=False).save(path)
     return path
 
@@ -182,7 +182,7 @@ def black_car():
 
 
 def test_info_says_which_black_boxes_there_are(tmp_path):
-    path = tmp_path / "black.h5"
+    path = tmp_path / "black.npz"
     sdhj.solve(black_car(), progress=False).save(path)
     result = run("info", path)
     assert result.exit_code == 0 and "share of C" not in result.output
@@ -205,8 +205,8 @@ def test_info_says_what_a_promise_rests_on(tmp_path):
     without_target = dataclasses.replace(
         own, grid=grid, target=None, steps=None, unsafe=(dataclasses.replace(post, sampling="cell"),)
     )
-    sdhj.solve(without_target, progress=False, play=False).save(tmp_path / "stays.h5")
-    shown = run("info", tmp_path / "stays.h5").output
+    sdhj.solve(without_target, progress=False, play=False).save(tmp_path / "stays.npz")
+    shown = run("info", tmp_path / "stays.npz").output
     for text in (
         "  x1: 9 nodes on [-1.5, 1.5], bounded, unsafe ends\n",
         "  x2: 9 nodes on [-1.5, 1.5], bounded, wall and safe ends\n",
@@ -215,24 +215,24 @@ def test_info_says_what_a_promise_rests_on(tmp_path):
     ):
         assert text in shown, shown
     sensed = dataclasses.replace(own, sensing=sdhj.Sensing(error=0.01, delay=0.05, jitter=0.02, memory=False))
-    sdhj.solve(sensed, progress=False).save(tmp_path / "sensed.h5")
-    shown = run("info", tmp_path / "sensed.h5").output
+    sdhj.solve(sensed, progress=False).save(tmp_path / "sensed.npz")
+    shown = run("info", tmp_path / "sensed.npz").output
     assert "  sensing: error 0.01, delay 0.05, jitter 0.02, rest 0\n" in shown and "bounded, wall ends" in shown, shown
 
 
 def test_info_of_a_store_is_that_of_a_file(tmp_path):
     problem = torus_problem(nodes=12, steps=2)
     sdhj.solve(problem, progress=False, store=tmp_path / "own")
-    sdhj.load(tmp_path / "own").save(tmp_path / "own.h5")
-    of_store, of_file = (run("info", tmp_path / name).output.splitlines() for name in ("own", "own.h5"))
-    assert of_store[0] == of_file[0].replace("own.h5", "own") and of_store[1:] == of_file[1:]
+    sdhj.load(tmp_path / "own").save(tmp_path / "own.npz")
+    of_store, of_file = (run("info", tmp_path / name).output.splitlines() for name in ("own", "own.npz"))
+    assert of_store[0] == of_file[0].replace("own.npz", "own") and of_store[1:] == of_file[1:]
 
 
 def test_who_stays_clear_reaches_nothing(tmp_path):
     own = unicycle_problem(nodes=(9, 9, 8), steps=1)
-    sdhj.solve(dataclasses.replace(own, target=None), progress=False).save(tmp_path / "stays.h5")
-    many = run("simulate", tmp_path / "stays.h5", "--runs", 5)
-    one = run("simulate", tmp_path / "stays.h5", "--start", "-1,1,0")
+    sdhj.solve(dataclasses.replace(own, target=None), progress=False).save(tmp_path / "stays.npz")
+    many = run("simulate", tmp_path / "stays.npz", "--runs", 5)
+    one = run("simulate", tmp_path / "stays.npz", "--start", "-1,1,0")
     assert "\nstayed clear " in many.output and "stayed clear for 1.00 steps on average" in many.output, many.output
     assert one.output.endswith("outcome: stayed clear\n") and "reached" not in many.output + one.output
 
@@ -247,8 +247,8 @@ def test_info_shows_a_disturbance_that_enters_as_it_likes(tmp_path):
     own = dataclasses.replace(
         problem, unsafe=(), dynamics=sdhj.Dynamics(problem.inputs, velocity=velocity, bounds=[0.1])
     )
-    sdhj.solve(own, progress=False).save(tmp_path / "own.h5")
-    shown = run("info", tmp_path / "own.h5").output
+    sdhj.solve(own, progress=False).save(tmp_path / "own.npz")
+    shown = run("info", tmp_path / "own.npz").output
     for text in ("dx/dt = cos(theta + v1)", "dy/dt = sin(theta + v1)", "dtheta/dt = -2", "|v1| <= 0.1"):
         assert f"    {text}\n" in shown, shown
 
@@ -269,7 +269,7 @@ def test_simulate_plays_your_robot(own, monkeypatch):
 
 
 def test_a_header_with_a_hole_is_damage(own, tmp_path):
-    path = tmp_path / "own.h5"
+    path = tmp_path / "own.npz"
     path.write_bytes(own.read_bytes())
     with forged(path) as (told, _):
         del told["grid"]["upper"]
@@ -292,8 +292,8 @@ for problem, method in [
     table = sdhj.solve(problem, method, progress=False)
     sdhj.Controller(table).select(table.grid.points()[table.contains(table.grid.points())][0], 0)
     if table.proved:
-        table.save("table.h5")
-        assert verify("table.h5", samples=10, progress=False).ok
+        table.save("table.npz")
+        assert verify("table.npz", samples=10, progress=False).ok
 """
 
 
@@ -330,7 +330,7 @@ def test_a_reader_that_has_seen_enough_ends_it_quietly(saved):
 @pytest.mark.slow
 def test_without_standard_error_it_works_all_the_same(tmp_path):
     """As under pythonw, and for services that close it: Python's sys.stderr is None."""
-    path = tmp_path / "table.h5"
+    path = tmp_path / "table.npz"
     code = f"""
 import sys, sdhj
 from sdhj.cli import command
@@ -357,6 +357,6 @@ def test_a_full_disk_is_one_line(saved, option, status):
 
 @pytest.mark.slow
 def test_warnings_are_sentences_without_our_source(tmp_path):
-    done = ran(f"{sys.executable} -m sdhj solve --nodes 7 --steps 1 -o {tmp_path / 'table.h5'}")
+    done = ran(f"{sys.executable} -m sdhj solve --nodes 7 --steps 1 -o {tmp_path / 'table.npz'}")
     told = [line for line in done.stderr.splitlines() if "the tube of" in line]
     assert len(told) == 1 and told[0].startswith("Warning: the tube of") and "cli.py" not in done.stderr

@@ -291,14 +291,13 @@ def packs(data, claimed):
 
 
 @pytest.mark.parametrize("claimed", [1 << 20, 1 << 31])
-def test_a_small_file_that_is_a_large_one_unpacked_is_refused(tmp_path, claimed):
-    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    data = packer.compress(container.header("uint8", (claimed,)))
-    zeros = bytes(1 << 20)
-    for _ in range((1 << 31 >> 20) + 1):
-        data += packer.compress(zeros)
-    data += packer.flush()
-    assert len(data) < 3e6
+def test_a_small_file_that_is_a_large_one_unpacked_is_refused(tmp_path, claimed, monkeypatch):
+    """Of 2 GB where it says so, which is refused unread, and of 32 MB that are said to be one."""
+    packer = zlib.compressobj(1, zlib.DEFLATED, -15)
+    data = packer.compress(container.header("uint8", (claimed,)) + bytes(1 << 25)) + packer.flush()
+    assert len(data) < 3e5
+    if claimed > 1 << 28:
+        monkeypatch.setattr(zlib, "decompressobj", None)
     path = written(tmp_path)
     forged(path, *packs(data, claimed))
     with pytest.raises((Damaged, ValueError)):

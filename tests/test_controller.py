@@ -609,7 +609,7 @@ REFUSED = [
     ),
     *(
         (lambda table=table: Controller(table), r"what sdhj\.solve returns, got")
-        for table in (None, "table.h5", Controller)
+        for table in (None, "table.npz", Controller)
     ),
     *(
         (asked(name, [bad], 0), "NaN or an infinity")

@@ -38,7 +38,7 @@ def test_it_is_loaded_for_the_problem_that_it_was_solved_for(staying, reaching, 
         (staying, double_integrator(None, 0.6, NODES)),
         (reaching, replace(interval_problem(), steps=None)),
     ):
-        path = tmp_path / "table.h5"
+        path = tmp_path / "table.npz"
         table.save(path)
         same(sdhj.load(path, problem=problem), table)
         same(sdhj.load(path, problem=replace(problem, steps=table.steps)), table)
@@ -46,7 +46,7 @@ def test_it_is_loaded_for_the_problem_that_it_was_solved_for(staying, reaching, 
 
 
 def test_other_problems_are_still_told(staying, reaching, tmp_path):
-    path = tmp_path / "table.h5"
+    path = tmp_path / "table.npz"
     staying.save(path)
     for other in (double_integrator(None, 0.5, NODES), double_integrator(None, 0.6), double_integrator(7, 0.6, NODES)):
         with pytest.raises(sdhj.TableFileError, match="another problem"):

@@ -150,7 +150,7 @@ def test_runs_that_leave_the_grid_are_counted_apart():
 
 def test_ends_are_kept_in_files_and_tell_problems_apart(tmp_path):
     problem = leaving([("unsafe", "wall")])
-    path = tmp_path / "table.h5"
+    path = tmp_path / "table.npz"
     sdhj.solve(problem).save(path)
     assert sdhj.load(path, problem=problem).grid.ends == (("unsafe", "wall"),)
     with pytest.raises(sdhj.TableFileError, match="another problem"):

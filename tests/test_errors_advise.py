@@ -142,27 +142,27 @@ CASES = {
     "a table that is a folder": (
         "is a folder; name a file",
         lambda to: sdhj.load(to),
-        lambda to: (table().save(to / "table.h5"), sdhj.load(to / "table.h5")),
+        lambda to: (table().save(to / "table.npz"), sdhj.load(to / "table.npz")),
     ),
     "a table that is a pipe": (
         "neither read nor replaced; name a file",
         lambda to: (os.mkfifo(to / "pipe"), table().save(to / "pipe")),
-        lambda to: table().save(to / "table.h5"),
+        lambda to: table().save(to / "table.npz"),
     ),
     "no file": (
         r"no file .*; write one with table.save",
-        lambda to: sdhj.load(to / "no.h5"),
-        lambda to: (table().save(to / "no.h5"), sdhj.load(to / "no.h5")),
+        lambda to: sdhj.load(to / "no.npz"),
+        lambda to: (table().save(to / "no.npz"), sdhj.load(to / "no.npz")),
     ),
     "a damaged file": (
         "is damaged, cut short or not a look-up table; solve it anew",
-        lambda to: ((to / "table.h5").write_bytes(b"x"), sdhj.load(to / "table.h5")),
-        lambda to: (solved(line()).save(to / "table.h5"), sdhj.load(to / "table.h5")),
+        lambda to: ((to / "table.npz").write_bytes(b"x"), sdhj.load(to / "table.npz")),
+        lambda to: (solved(line()).save(to / "table.npz"), sdhj.load(to / "table.npz")),
     ),
     "black boxes are not in the file": (
         r"it has black boxes .*use load\(path, problem=...\)",
-        lambda to: (solved(with_target(BLACK)).save(to / "table.h5"), sdhj.load(to / "table.h5")),
-        lambda to: sdhj.load(to / "table.h5", problem=with_target(BLACK)),
+        lambda to: (solved(with_target(BLACK)).save(to / "table.npz"), sdhj.load(to / "table.npz")),
+        lambda to: sdhj.load(to / "table.npz", problem=with_target(BLACK)),
     ),
     "a store that exists": (
         "exists already; go on with it by resume=True, remove it, or choose another name",
@@ -210,8 +210,8 @@ CASES = {
     ),
     "--start and --runs": (
         "give only one of them",
-        lambda to: (table().save(to / "t.h5"), command("simulate", to / "t.h5", "--start", "0.5", "--runs", "10")),
-        lambda to: command("simulate", to / "t.h5", "--start", "0.5"),
+        lambda to: (table().save(to / "t.npz"), command("simulate", to / "t.npz", "--start", "0.5", "--runs", "10")),
+        lambda to: command("simulate", to / "t.npz", "--start", "0.5"),
     ),
     "a robot that exists": (
         "exists; choose another name",
@@ -219,14 +219,14 @@ CASES = {
         lambda to: command("new", to / "truck.py"),
     ),
     "a folder and no table": (
-        "the folder of an export; give the table that it was made of: --table table.h5",
+        "the folder of an export; give the table that it was made of: --table table.npz",
         lambda to: (sdhj.export_c(table("certified"), to, progress=False), command("verify", to)),
-        lambda to: (table("certified").save(to / "t.h5"), command("verify", to, "--table", to / "t.h5")),
+        lambda to: (table("certified").save(to / "t.npz"), command("verify", to, "--table", to / "t.npz")),
     ),
     "neither a file nor a store": (
         "give -o, the file to write, or --store",
         lambda to: ((to / "robot.py").write_text(ROBOT), command("solve", f"{to / 'robot.py'}:problem")),
-        lambda to: command("solve", f"{to / 'robot.py'}:problem", "-o", to / "t.h5"),
+        lambda to: command("solve", f"{to / 'robot.py'}:problem", "-o", to / "t.npz"),
     ),
     "cells of a grid method": (
         "needs --method certified, got --method .*; leave out one of them",
@@ -439,23 +439,23 @@ CASES = {
     ),
     "no certified sets": (
         "holds no certified sets; make them with method='certified'",
-        lambda to: (table().save(to / "t.h5"), verify(to / "t.h5")),
-        lambda to: (table("certified").save(to / "t.h5"), verify(to / "t.h5")),
+        lambda to: (table().save(to / "t.npz"), verify(to / "t.npz")),
+        lambda to: (table("certified").save(to / "t.npz"), verify(to / "t.npz")),
     ),
     "black boxes to verify": (
         "rests on black boxes, .*; give the problem",
-        lambda to: (solved(boxed(**KNOWN), "certified").save(to / "t.h5"), verify(to / "t.h5")),
-        lambda to: verify(to / "t.h5", problem=boxed(**KNOWN)),
+        lambda to: (solved(boxed(**KNOWN), "certified").save(to / "t.npz"), verify(to / "t.npz")),
+        lambda to: verify(to / "t.npz", problem=boxed(**KNOWN)),
     ),
     "a figure of one axis": (
         "a slice has two axes, and this robot has one; `sdhj info` prints its shares",
-        lambda to: (table().save(to / "t.h5"), command("plot", to / "t.h5", "-o", to / "t.png")),
-        lambda to: command("info", to / "t.h5"),
+        lambda to: (table().save(to / "t.npz"), command("plot", to / "t.npz", "-o", to / "t.png")),
+        lambda to: command("info", to / "t.npz"),
     ),
     "an ending": (
         "t.gif must end in .png or .svg, which selects the file type",
-        lambda to: (plane().save(to / "t.h5"), command("plot", to / "t.h5", "-o", to / "t.gif")),
-        lambda to: command("plot", to / "t.h5", "-o", to / "t.png"),
+        lambda to: (plane().save(to / "t.npz"), command("plot", to / "t.npz", "-o", to / "t.gif")),
+        lambda to: command("plot", to / "t.npz", "-o", to / "t.png"),
     ),
     "a default in the place of the time": (
         "call it so, and let what has a default stand last",
@@ -504,8 +504,11 @@ CASES = {
     ),
     "a check and no memory": (
         "check some cells with samples=1000",
-        lambda to: (table("certified").save(to / "t.h5"), with_room(0, lambda: verify(to / "t.h5"))),
-        lambda to: (table("certified").save(to / "t.h5"), with_room(200_000, lambda: verify(to / "t.h5", samples=10))),
+        lambda to: (table("certified").save(to / "t.npz"), with_room(0, lambda: verify(to / "t.npz"))),
+        lambda to: (
+            table("certified").save(to / "t.npz"),
+            with_room(200_000, lambda: verify(to / "t.npz", samples=10)),
+        ),
     ),
     "a drift of many lines": (
         "use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox",
@@ -533,8 +536,8 @@ CASES = {
     ),
     "no such folder": (
         "choose a folder that exists and can be written",
-        lambda to: table().save(to / "no" / "t.h5"),
-        lambda to: ((to / "no").mkdir(), table().save(to / "no" / "t.h5")),
+        lambda to: table().save(to / "no" / "t.npz"),
+        lambda to: ((to / "no").mkdir(), table().save(to / "no" / "t.npz")),
     ),
     "no compiler": (
         "no C compiler was found; install gcc or clang, or name one in the environment variable CC",
@@ -724,7 +727,7 @@ def command(*arguments):
 
 
 def solve_robot(folder, *options):
-    command("solve", f"{folder / 'robot.py'}:problem", "-o", folder / "t.h5", *options)
+    command("solve", f"{folder / 'robot.py'}:problem", "-o", folder / "t.npz", *options)
 
 
 LONG = ["images of too many cells", "a loop of a table that forgets", "no compiler", "a solve and no memory"]

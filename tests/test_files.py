@@ -1,13 +1,13 @@
 """Files are whole or not there, nothing but a file is replaced by one, and a table's file says what it is of."""
 
 import dataclasses
-import io
 import json
 import os
+import pickle
 import re
+import zipfile
 
 import digest_cases
-import h5py
 import make_golden
 import numpy as np
 import pytest
@@ -18,8 +18,9 @@ from toys import interval_problem, one_row, small_torus_table, torus_problem, un
 import sdhj
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.describing import described
+from sdhj.table import files
 from sdhj.table import table as table_module
-from sdhj.table.files import FORMAT_VERSION, read_head, replaced_whole, writable_file
+from sdhj.table.files import read_head, replaced_whole, writable_file
 from sdhj.table.table import entries
 
 
@@ -90,18 +91,18 @@ def same(a, b):
 
 
 def test_round_trip_of_a_case_study(arm_table, tmp_path):
-    arm_table.save(tmp_path / "arm.h5")
-    loaded = sdhj.load(tmp_path / "arm.h5")
+    arm_table.save(tmp_path / "arm.npz")
+    loaded = sdhj.load(tmp_path / "arm.npz")
     same(arm_table, loaded)
     assert loaded.problem.digest == arm_table.problem.digest
-    assert os.listdir(tmp_path) == ["arm.h5"]  # no temporary left
+    assert os.listdir(tmp_path) == ["arm.npz"]  # no temporary left
 
 
 @pytest.mark.slow
 def test_round_trip_of_your_user_problem(table, tmp_path):
-    table.save(tmp_path / "own.h5")
-    same(table, sdhj.load(tmp_path / "own.h5"))
-    same(table, sdhj.load(tmp_path / "own.h5", problem=torus_problem(nodes=10, steps=3)))
+    table.save(tmp_path / "own.npz")
+    same(table, sdhj.load(tmp_path / "own.npz"))
+    same(table, sdhj.load(tmp_path / "own.npz", problem=torus_problem(nodes=10, steps=3)))
     for other, told in (
         (torus_problem(nodes=10, steps=3, view_time="sampled"), "; view_time is swept there and sampled here$"),
         (torus_problem(nodes=12, steps=3), r"; shape is \(10, 10\) there and \(12, 12\) here$"),
@@ -112,24 +113,22 @@ def test_round_trip_of_your_user_problem(table, tmp_path):
         ),
     ):
         with pytest.raises(sdhj.TableFileError, match=f"another problem.*{told}"):
-            sdhj.load(tmp_path / "own.h5", problem=other)
+            sdhj.load(tmp_path / "own.npz", problem=other)
 
 
 def test_the_file_describes_itself(arm_table, tmp_path):
-    """In three lines of text, before the arrays, that anything can show."""
-    arm_table.save(tmp_path / "arm.h5")
-    first, second, text, _ = (tmp_path / "arm.h5").read_bytes().split(b"\n", 3)
-    assert first == f"sdhj look-up table, format {FORMAT_VERSION}".encode() and re.fullmatch(
-        b"sha256 [0-9a-f]{64}", second
-    )
+    """In JSON, which anything can show; the arrays are NumPy's."""
+    arm_table.save(tmp_path / "arm.npz")
+    with zipfile.ZipFile(tmp_path / "arm.npz") as file:
+        text = file.read("problem.json")
+    first, _, rest = text.partition(b"\n")
+    assert re.fullmatch(rb'\{"format": 6, "sha256": "[0-9a-f]{64}",', first) and rest.count(b"\n") == 1
     told = json.loads(text)
-    assert told["sdhj_version"] == sdhj.__version__ and told["method"] == "hji"
+    assert told["format"] == 6 and told["sdhj_version"] == sdhj.__version__ and told["method"] == "hji"
     assert "<= 0" in told["convention"] and len(told["digest"]) == 64
     assert {"v_p_max", "pursuer_radius", "half_width", "obstacles"} <= set(told["recipe"]["arguments"])
     assert {"flux", "order", "cfl", "dtype"} <= set(told["details"])
     assert told["grid"]["periodic"] == [True, True, False, False]
-    with h5py.File(tmp_path / "arm.h5") as file:
-        assert not dict(file.attrs) and all(isinstance(part, h5py.Dataset) for part in file.values())
     assert told["formulas"]["format"] == 1 and told["formulas"]["opaque"] == {}
     functions = told["formulas"]["functions"]
     assert sorted(functions) == ["bounds", "drift", "gain", "swept 0", "target", "unsafe 0", "unsafe 1"]
@@ -139,13 +138,13 @@ def test_the_file_describes_itself(arm_table, tmp_path):
         functions["bounds"]["lines"][-1],
     ]
     assert functions["swept 0"]["parameters"] == 2 and functions["unsafe 1"]["coordinates"] == 4
-    with h5py.File(tmp_path / "arm.h5") as file:
-        assert file["entries"][()].tolist() == entries(2).tolist() and file["index"].shape == (6,)
-        assert file["tubes"].shape[0] == file["marks"].shape[0] == file["index"][()].max() + 1
+    with np.load(tmp_path / "arm.npz", allow_pickle=False) as arrays:
+        assert arrays["entries"].tolist() == entries(2).tolist() and arrays["index"].shape == (6,)
+        assert arrays["tubes"].shape[0] == arrays["marks"].shape[0] == arrays["index"].max() + 1
 
 
 def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypatch):
-    path = tmp_path / "arm.h5"
+    path = tmp_path / "arm.npz"
     arm_table.save(path)
     before = path.read_bytes()
 
@@ -155,52 +154,152 @@ def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypa
     monkeypatch.setattr(table_module, "entries", fail)
     with pytest.raises(OSError, match="disk full"):
         table.save(path)
-    assert path.read_bytes() == before and os.listdir(tmp_path) == ["arm.h5"]
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["arm.npz"]
 
 
 def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
-    path = tmp_path / "arm.h5"
-    with pytest.raises(FileNotFoundError, match=r"arm\.h5"):
+    path = tmp_path / "arm.npz"
+    with pytest.raises(FileNotFoundError, match=r"arm\.npz"):
         sdhj.load(path)
-    for text in (
-        b"",
-        b"not HDF5 at all",
-        b"sdhj look-up table, format 5\n",
-        b"sdhj look-up table, format 5\nsha256 \n{}\n",
-    ):
+    for text in (b"", b"not a zip at all", b"PK\3\4", b"PK\3\4" + bytes(26) + b"problem.json" + bytes(300)):
         path.write_bytes(text)
         with pytest.raises(sdhj.TableFileError, match="is damaged, cut short or not a look-up table; solve it anew"):
             sdhj.load(path)
+    np.savez(path, tubes=np.zeros(3))
+    with pytest.raises(sdhj.TableFileError, match="is damaged, cut short or not a look-up table; solve it anew"):
+        sdhj.load(path)
     arm_table.save(path)
     whole = path.read_bytes()
-    for version, told in ((FORMAT_VERSION + 1, "upgrade sdhj"), *((old, "solve it anew") for old in range(5))):
-        path.write_bytes(whole.replace(b"format 5", b"format %d" % version, 1))
+    for version, told in ((7, "upgrade sdhj"), (5, "solve it anew")):
+        path.write_bytes(whole.replace(b'"format": 6', b'"format": %d' % version, 1))
         for read in (sdhj.load, read_head):
             with pytest.raises(sdhj.TableFileError, match=f"format version {version}; this is sdhj .*: {told}$"):
                 read(path)
 
 
-def test_files_of_older_formats_are_refused_in_a_sentence(arm_table, tmp_path):
-    """Format 2 and those before were HDF5 files from the first byte on."""
+@pytest.mark.parametrize(
+    "begin", [b"\x89HDF\r\n\x1a\n", b"sdhj look-up table, format 5\nsha256 0\n{}\n", b"sdhj look-up"]
+)
+def test_files_of_older_formats_are_refused_in_a_sentence(tmp_path, begin):
+    """Formats 1 and 2 were HDF5 files from the first byte on, 3 to 5 behind three lines of text."""
     path = tmp_path / "old.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs.update(format="sdhj look-up table", format_version=2, sdhj_version="0.2.0")
+    path.write_bytes(begin + bytes(1000))
+    said = "is an HDF5 file, of an earlier sdhj, and .* reads NumPy's arrays" if len(begin) != 12 else "is damaged"
     for read in (sdhj.load, read_head):
-        with pytest.raises(sdhj.TableFileError, match=r"is damaged, cut short or not a look-up table; solve it anew$"):
+        with pytest.raises(sdhj.TableFileError, match=f"{said}.*; solve it anew$"):
             read(path)
+
+
+# ---- a file, a folder, and tables that are mapped from them
+
+
+def unzipped(path):
+    with zipfile.ZipFile(path) as file:
+        file.extractall(folder := path.with_suffix(""))
+    return folder
+
+
+@pytest.fixture(params=["file", "folder"])
+def stored(request, arm_table, tmp_path):
+    arm_table.save(path := tmp_path / "arm.npz")
+    return path if request.param == "file" else unzipped(path)
+
+
+def is_mapped(values):
+    while isinstance(values, np.ndarray):
+        values = values.base
+    return isinstance(values, memoryview)
+
+
+def test_a_table_is_mapped_and_answers_as_before(arm_table, stored, rng):
+    loaded = sdhj.load(stored)
+    same(arm_table, loaded)
+    assert type(loaded) is type(arm_table) and all(map(is_mapped, (loaded.tubes, loaded.marks, loaded.avoid.static)))
+    with pytest.raises(ValueError, match="read-only"):
+        loaded.tubes[0] = 0.0
+    agree(arm_table, loaded, rng)
+
+
+def test_a_packed_table_is_as_well(arm_table, tmp_path, rng):
+    arm_table.save(tmp_path / "packed.npz", compress=True)
+    arm_table.save(tmp_path / "plain.npz")
+    assert (tmp_path / "packed.npz").stat().st_size < 0.7 * (tmp_path / "plain.npz").stat().st_size
+    same(arm_table, sdhj.load(tmp_path / "packed.npz"))
+    same(arm_table, sdhj.load(unzipped(tmp_path / "plain.npz")))
+    same(arm_table, sdhj.load(unzipped(tmp_path / "packed.npz")))
+    with pytest.raises(ValueError, match="compress must be True or False, got 7"):
+        arm_table.save(tmp_path / "packed.npz", compress=7)
+
+
+def test_a_mapped_table_is_pickled_as_its_name(arm_table, stored, rng):
+    loaded = sdhj.load(stored)
+    text = pickle.dumps(loaded)
+    assert len(text) < 1000 < len(pickle.dumps(arm_table))
+    again = pickle.loads(text)
+    same(arm_table, again)
+    agree(loaded, again, rng)
+    changed = dataclasses.replace(loaded, details={})
+    assert changed.origin is None and not pickle.loads(pickle.dumps(changed)).details
+
+
+def test_a_table_whose_file_is_gone_is_pickled_with_its_arrays(arm_table, tmp_path):
+    arm_table.save(tmp_path / "arm.npz")
+    loaded = sdhj.load(tmp_path / "arm.npz")
+    text = pickle.dumps(loaded)
+    (tmp_path / "arm.npz").unlink()
+    same(arm_table, pickle.loads(pickle.dumps(loaded)))
+    with pytest.raises(FileNotFoundError, match="no file"):
+        pickle.loads(text)
+    dataclasses.replace(arm_table, details={}).save(tmp_path / "arm.npz")
+    same(arm_table, pickle.loads(pickle.dumps(loaded)))
+    with pytest.raises(sdhj.TableFileError, match="has changed since the table was pickled as its name; load it anew"):
+        pickle.loads(text)
+
+
+def test_digests_are_read_of_small_tables_and_where_they_are_asked_for(arm_table, stored, monkeypatch):
+    file = stored / "tubes.npy" if stored.is_dir() else stored
+    whole = bytearray(file.read_bytes())
+    whole[whole.index(b"'<f4'") + 10_000] ^= 1  # in the tubes, or in an avoid tube
+    file.write_bytes(whole)
+    for check in (None, True):
+        with pytest.raises(sdhj.TableFileError, match="is damaged"):
+            sdhj.load(stored, check=check)
+    assert sdhj.load(stored, check=False).steps == 2
+    monkeypatch.setattr(files, "CHECKED", 1000)
+    assert sdhj.load(stored).steps == 2
+    with pytest.raises(sdhj.TableFileError, match="is damaged"):
+        sdhj.load(stored, check=True)
+    with pytest.raises(ValueError, match="check must be True, False or None, got 7"):
+        sdhj.load(stored, check=7)
+
+
+def test_a_folder_that_is_no_table_is_refused(arm_table, tmp_path):
+    with pytest.raises(sdhj.TableFileError, match=r"is a folder without problem\.json: no table, or one that is not"):
+        sdhj.load(tmp_path)
+    arm_table.save(tmp_path / "arm.npz")
+    (unzipped(tmp_path / "arm.npz") / "marks.npy").unlink()
+    with pytest.raises(sdhj.TableFileError, match="is damaged"):
+        sdhj.load(tmp_path / "arm")
+
+
+def test_a_table_is_saved_over_the_file_that_it_is_mapped_from(arm_table, tmp_path):
+    arm_table.save(tmp_path / "arm.npz")
+    loaded = sdhj.load(tmp_path / "arm.npz")
+    loaded.save(tmp_path / "arm.npz", compress=True)
+    same(loaded, sdhj.load(tmp_path / "arm.npz"))
 
 
 def test_equal_tubes_are_written_once(tmp_path):
     table = one_row(sdhj.solve(interval_problem(steps=6, rate=-0.3), progress=False))
-    table.save(tmp_path / "small.h5")
-    with h5py.File(tmp_path / "small.h5") as file:
+    table.save(tmp_path / "small.npz")
+    with np.load(tmp_path / "small.npz") as file:
         assert len(file["tubes"]) == len(file["marks"]) == 7 and len(file["entries"]) == len(file["index"]) == 28
-    same(table, sdhj.load(tmp_path / "small.h5", problem=interval_problem(steps=6, rate=-0.3)))
+    same(table, sdhj.load(tmp_path / "small.npz", problem=interval_problem(steps=6, rate=-0.3)))
 
 
 def test_a_case_study_of_another_version_is_what_its_formulas_say(arm_table, tmp_path):
     """A recipe only says how a problem was made: tables are those of the formulas."""
-    path = tmp_path / "arm.h5"
+    path = tmp_path / "arm.npz"
     arm_table.save(path)
     for recipe in ({"builder": "three_link_arm", "arguments": {}}, {}):
         with forged(path) as (told, _):
@@ -212,15 +311,15 @@ def test_a_case_study_of_another_version_is_what_its_formulas_say(arm_table, tmp
 
 
 def test_the_header_is_what_the_file_says(arm_table, tmp_path):
-    arm_table.save(tmp_path / "arm.h5")
-    told, problem = read_head(tmp_path / "arm.h5"), arm_table.problem
+    arm_table.save(tmp_path / "arm.npz")
+    told, problem = read_head(tmp_path / "arm.npz"), arm_table.problem
     assert told["grid"] == problem.grid and np.array_equal(told["inputs"], problem.inputs)
     assert told["recipe"] == dict(problem.recipe) and told["details"]["flux"] == arm_table.details["flux"]
     for name in ("digest", "delta", "steps", "view_time"):
         assert told[name] == getattr(problem, name)
     assert (told["problem"], told["method"], told["sdhj_version"]) == (problem.name, "hji", sdhj.__version__)
     with pytest.raises(FileNotFoundError, match="no file"):
-        read_head(tmp_path / "none.h5")
+        read_head(tmp_path / "none.npz")
 
 
 # ---- tables of any robot, from the file alone
@@ -297,11 +396,11 @@ LONG = ["gridded, certified", "swept", "velocity", "velocity, certified", "time 
 def test_a_table_of_any_robot_is_read_from_its_file_alone(name, tmp_path, rng):
     problem, method = CASES[name]
     table = sdhj.solve(problem(), method, progress=False)
-    table.save(tmp_path / "own.h5")
-    loaded = sdhj.load(tmp_path / "own.h5")
+    table.save(tmp_path / "own.npz")
+    loaded = sdhj.load(tmp_path / "own.npz")
     agree(table, loaded, rng)
-    loaded.save(tmp_path / "again.h5")  # and is written as it was
-    heads = [read_head(tmp_path / f"{name}.h5") for name in ("own", "again")]
+    loaded.save(tmp_path / "again.npz")  # and is written as it was
+    heads = [read_head(tmp_path / f"{name}.npz") for name in ("own", "again")]
     assert heads[0]["formulas"] == heads[1]["formulas"] and heads[0]["sets"] == heads[1]["sets"]
 
 
@@ -340,28 +439,28 @@ def machine(change, *, black=False):
 @pytest.mark.parametrize("black", [False, True], ids=["formulas", "black box"])
 def test_a_table_is_read_where_constants_are_rounded_otherwise(black, tmp_path):
     table = sdhj.solve(machine(0.0, black=black), progress=False)
-    table.save(tmp_path / "own.h5")
+    table.save(tmp_path / "own.npz")
     for change in (1e-13, -3e-13):
         problem = machine(change, black=black)
         assert problem.digest != table.problem.digest
-        loaded = sdhj.load(tmp_path / "own.h5", problem=problem)
+        loaded = sdhj.load(tmp_path / "own.npz", problem=problem)
         same(table, loaded)
         assert loaded.problem is problem
     for change in (1e-9, -1e-3):
         with pytest.raises(sdhj.TableFileError, match=r"another problem: .*; the formula of (bounds|drift) is another"):
-            sdhj.load(tmp_path / "own.h5", problem=machine(change, black=black))
+            sdhj.load(tmp_path / "own.npz", problem=machine(change, black=black))
 
 
 def test_a_black_box_needs_its_problem_and_is_known_by_its_values(tmp_path):
-    path = tmp_path / "own.h5"
+    path = tmp_path / "own.npz"
     table = sdhj.solve(machine(0.0, black=True), progress=False)
     table.save(path)
     with pytest.raises(sdhj.TableFileError) as refused:
         sdhj.load(path)
     told = "it has black boxes (unsafe 0: a BlackBox with slope, rate), which a file cannot contain: use load(path, "
     assert told in str(refused.value) and "\n" not in str(refused.value)
-    with h5py.File(io.BytesIO(path.read_bytes())) as file:
-        assert file["opaque/unsafe 0"].shape == (1000,)
+    with np.load(path) as file:
+        assert file["opaque.unsafe 0"].shape == (1000,)
     (part,) = table.problem.unsafe
     for moved, told in ((1e-9, "the values of unsafe 0 differ by more than rounding"), (1e-14, "")):
         other = sdhj.BlackBox(lambda p, t, moved=moved: part.level_set(p, t) + moved, slope=1.0, rate=0.0)
@@ -379,9 +478,9 @@ def test_a_black_box_needs_its_problem_and_is_known_by_its_values(tmp_path):
 @pytest.mark.parametrize("part", ["bounds", "gain"])
 def test_a_stronger_adversary_is_another_problem(tmp_path, part):
     problem = unicycle_problem(nodes=(9, 9, 8), steps=2)
-    sdhj.solve(problem, progress=False, play=False).save(tmp_path / "own.h5")
+    sdhj.solve(problem, progress=False, play=False).save(tmp_path / "own.npz")
     given = {"gain": np.eye(3)[:, :2], "bounds": np.array([0.1, 0.1])}
     given[part] = 1.2 * given[part]
     dynamics = sdhj.Dynamics(problem.inputs, problem.dynamics.drift, **given)
     with pytest.raises(sdhj.TableFileError, match=f"another problem.*; the formula of {part} is another$"):
-        sdhj.load(tmp_path / "own.h5", problem=dataclasses.replace(problem, dynamics=dynamics))
+        sdhj.load(tmp_path / "own.npz", problem=dataclasses.replace(problem, dynamics=dynamics))

@@ -321,7 +321,7 @@ def test_rules_keep_a_reserve_too(runner: Any) -> None:
 
 def test_a_file_keeps_both_and_an_older_one_is_refused(stopped: Any, tmp_path: Any) -> None:
     _, table = stopped
-    path = tmp_path / "table.h5"
+    path = tmp_path / "table.npz"
     table.save(path)
     again, states = sdhj.load(path), starts(table, 200)
     assert again.game == table.game == 1

@@ -137,13 +137,13 @@ def test_files_stores_and_digests_tell_it(tmp_path):
     problem = line()
     assert len({line(one).digest for one in (None, (1,), FAST)}) == 3
     table = sdhj.solve(problem, progress=False, play=False)
-    table.save(tmp_path / "table.h5")
-    loaded = sdhj.load(tmp_path / "table.h5")
+    table.save(tmp_path / "table.npz")
+    loaded = sdhj.load(tmp_path / "table.npz")
     assert loaded.problem.unsafe[0].inputs == FAST and loaded.problem.digest == problem.digest
     states = np.linspace(-0.9, 2.9, 77)[:, None]
     assert np.array_equal(loaded.batch(states, 0).safe, table.batch(states, 0).safe)
     with pytest.raises(sdhj.TableFileError, match="sets"):
-        sdhj.load(tmp_path / "table.h5", problem=line((1,)))
+        sdhj.load(tmp_path / "table.npz", problem=line((1,)))
     stored = sdhj.solve(problem, store=tmp_path / "store", progress=False, play=False)
     assert np.array_equal(stored.values(within=10), table.values(within=10))
 
@@ -158,7 +158,7 @@ def test_certified_is_checked_and_another_list_is_refused(tmp_path):
     from forging import describe
 
     table = sdhj.solve(line((1,)), sdhj.Certified(cells=(200,)), progress=False, play=False)
-    table.save(path := tmp_path / "table.h5")
+    table.save(path := tmp_path / "table.npz")
     assert verify(path, progress=False).ok
     assert sdhj.load(path).problem.unsafe[0].inputs == (1,)
     describe(path, line((1, 2)))

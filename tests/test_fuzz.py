@@ -317,10 +317,10 @@ def case_studies() -> Any:
 
 
 def files(folder: Path) -> Any:
-    table, path = interval_table(), folder / "table.h5"
+    table, path = interval_table(), folder / "table.npz"
     table.save(path)
     paths = st.sampled_from(
-        ["", ".", "..", "/", "/nonexistent/x.h5", "/dev/null", "a\0b", "x" * 300, "/dev/full", "y.h5"]
+        ["", ".", "..", "/", "/nonexistent/x.npz", "/dev/null", "a\0b", "x" * 300, "/dev/full", "y.npz"]
     )
 
     @st.composite
@@ -338,7 +338,7 @@ def files(folder: Path) -> Any:
 
 def damage(folder: Path) -> Any:
     """A table's file with bytes changed, cut off or added anywhere: refused by its name, or the table is whole."""
-    table, path = interval_table(), folder / "damaged.h5"
+    table, path = interval_table(), folder / "damaged.npz"
     table.save(path)
     whole = path.read_bytes()
     cut = st.builds(lambda at, more: whole[: at % len(whole)] + more, st.integers(0, 2**30), st.binary(max_size=40))
@@ -368,7 +368,7 @@ def signals(folder: Path) -> Any:
     def stopped(number: int, after: float) -> bool:
         with tempfile.TemporaryDirectory(dir=folder) as own:
             command = [sys.executable, "-X", "importtime", "-m", "sdhj", "solve", "--nodes", "9", "--steps", "2"]
-            command += ["-o", f"{own}/arm.h5"]
+            command += ["-o", f"{own}/arm.npz"]
             process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
             assert process.stderr is not None
             while "sdhj.cli" not in process.stderr.readline():  # from there on the command can act
@@ -379,10 +379,10 @@ def signals(folder: Path) -> Any:
                 process.send_signal(number)
                 said = process.communicate()[1]
             left = [entry.name for entry in Path(own).iterdir()]
-            if left == ["arm.h5"]:
-                sdhj.load(f"{own}/arm.h5")
+            if left == ["arm.npz"]:
+                sdhj.load(f"{own}/arm.npz")
             plain = "Traceback" not in said and process.returncode in (0, 128 + number, -number)
-            return plain and left in ([], ["arm.h5"])
+            return plain and left in ([], ["arm.npz"])
 
     return st.builds(
         lambda number, after: Case(
@@ -394,7 +394,7 @@ def signals(folder: Path) -> Any:
 
 
 def command_line(folder: Path) -> Any:
-    path = folder / "arm.h5"
+    path = folder / "arm.npz"
     if not path.exists():
         sdhj.solve(sdhj.arm_case_study(nodes=5, steps=1), progress=False).save(path)
     commands = {
@@ -404,14 +404,14 @@ def command_line(folder: Path) -> Any:
         "info": ["--help"],
     }
     values = st.sampled_from(
-        ["0", "-1", "5", "1e9", "9" * 400, "nan", "", "x", "hji", "certified", "5,5,5,5", "é\u2028", "a.h5"]
+        ["0", "-1", "5", "1e9", "9" * 400, "nan", "", "x", "hji", "certified", "5,5,5,5", "é\u2028", "a.npz"]
     )
 
     @st.composite
     def called(draw: Any) -> Case:
         command = draw(st.sampled_from(sorted(commands)))
         option, value = draw(st.sampled_from(commands[command])), draw(values)
-        usual = ["--nodes", "5", "--steps", "1", "-o", str(folder / "out.h5")] if command == "solve" else [str(path)]
+        usual = ["--nodes", "5", "--steps", "1", "-o", str(folder / "out.npz")] if command == "solve" else [str(path)]
         usual += ["--runs", "10"] if command == "simulate" and option not in ("--runs", "--start") else []
         typed = [command, *usual, option, *([value] if option != "--help" else [])]
         return Case(partial(typed_in, typed), (option.strip("-"), "-o", "FILE", value[:9]), " ".join(typed)[-90:])

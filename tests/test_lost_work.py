@@ -124,20 +124,20 @@ def test_other_commands_end_at_ctrl_c_with_130_as_well():
 
 @pytest.mark.parametrize("length", [213, 214, 240, 255])
 def test_names_as_long_as_the_system_takes_are_written(tmp_path, length):
-    path = tmp_path / ("a" * (length - 3) + ".h5")
+    path = tmp_path / ("a" * (length - 4) + ".npz")
     table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
     table.save(writable_file(path))
     assert sdhj.load(path, problem=table.problem).steps == 1 and os.listdir(tmp_path) == [path.name]
 
 
-@pytest.mark.parametrize("name", ["a" * 256 + ".h5", "a\0b.h5", "x." + "a" * 240])
+@pytest.mark.parametrize("name", ["a" * 256 + ".npz", "a\0b.npz", "x." + "a" * 240])
 def test_names_that_cannot_be_written_are_found_before(tmp_path, name):
     with pytest.raises(OSError, match=r"cannot use the name .*: |cannot write in .*name too long"):
         writable_file(tmp_path / name)
 
 
 def test_names_that_are_not_utf_8_are_written(tmp_path):
-    path = tmp_path / os.fsdecode(b"\xff.h5")
+    path = tmp_path / os.fsdecode(b"\xff.npz")
     done = CliRunner().invoke(cli.main, ["solve", "--nodes", "7", "--steps", "1", "-o", str(path)])
     assert done.exit_code == 0, done.output
     assert CliRunner().invoke(cli.main, ["info", str(path)]).exit_code == 0
@@ -160,12 +160,12 @@ def test_recipes_that_no_file_takes_are_found_before():
 
 def test_a_table_outlives_a_full_disk(tmp_path, files_of_at_most):
     table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
-    with files_of_at_most(1000), pytest.raises(OSError, match=r"cannot write .*t\.h5: File too large") as told:
-        table.save(tmp_path / "t.h5")
+    with files_of_at_most(1000), pytest.raises(OSError, match=r"cannot write .*t\.npz: File too large") as told:
+        table.save(tmp_path / "t.npz")
     assert "still in memory: save it elsewhere" in str(told.value)
     assert table.fraction(start=0, within=1) > 0 and os.listdir(tmp_path) == []
-    table.save(tmp_path / "t.h5")
-    assert (tmp_path / "t.h5").stat().st_size > 1000
+    table.save(tmp_path / "t.npz")
+    assert (tmp_path / "t.npz").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
@@ -201,7 +201,7 @@ def full(tmp_path, monkeypatch):
         save(table, path)
 
     monkeypatch.setattr(LookupTable, "save", failing)
-    return tmp_path / "full" / "arm.h5"
+    return tmp_path / "full" / "arm.npz"
 
 
 def test_the_command_keeps_the_table_and_says_where(full, tmp_path, monkeypatch):
@@ -234,7 +234,7 @@ def test_files_reach_the_disk_before_they_take_their_name(tmp_path, monkeypatch)
 
 
 def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch):
-    path = tmp_path / "a.h5"
+    path = tmp_path / "a.npz"
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="a device or a pipe"):
         sdhj.load(tmp_path / "pipe")
@@ -244,14 +244,14 @@ def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch)
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(builtins, "open", denied)
-    with pytest.raises(PermissionError, match=r"cannot read .*a\.h5: Permission denied"):
+    with pytest.raises(PermissionError, match=r"cannot read .*a\.npz: Permission denied"):
         sdhj.load(path)
 
 
 def test_a_locked_file_is_read(tmp_path):
-    """A lock of the HDF5 library's kind, as of a viewer that has the file open, keeps nobody from reading."""
+    """A lock, as of a viewer that has the file open, keeps nobody from reading."""
     table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
-    table.save(tmp_path / "a.h5")
-    with open(tmp_path / "a.h5", "r+b") as other:
+    table.save(tmp_path / "a.npz")
+    with open(tmp_path / "a.npz", "r+b") as other:
         fcntl.flock(other, fcntl.LOCK_EX)
-        assert sdhj.load(tmp_path / "a.h5", problem=table.problem).steps == 1
+        assert sdhj.load(tmp_path / "a.npz", problem=table.problem).steps == 1

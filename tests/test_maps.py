@@ -416,7 +416,7 @@ def test_the_tables_of_a_problem_count_together_for_all_who_read_them(
         yard(one, other)
     assert len(yard(one, moved).texts[1]) == 1
     monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 26_896)
-    path = tmp_path / "two.h5"
+    path = tmp_path / "two.npz"
     sdhj.solve(yard(one, other), Certified(cells=[20, 20]), play=False).save(path)
     for reader, read in (("table.files", sdhj.load), ("certified.check.described", partial(verify, progress=False))):
         monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_896)
@@ -432,26 +432,26 @@ def test_a_large_map_is_saved_loaded_and_verified(tmp_path: Path) -> None:
     blocked = np.zeros((2100, 2100), bool)
     blocked[300:500, 700:900] = True
     table = sdhj.solve(yard(UnsafeSet.from_map(blocked, resolution=4 / 2100)), Certified(cells=[40, 40]), play=False)
-    table.save(tmp_path / "large.h5")
-    loaded, q = sdhj.load(tmp_path / "large.h5"), np.random.default_rng(0).uniform(0, 4, (1000, 2))
+    table.save(tmp_path / "large.npz")
+    loaded, q = sdhj.load(tmp_path / "large.npz"), np.random.default_rng(0).uniform(0, 4, (1000, 2))
     np.testing.assert_array_equal(loaded.contains(q), table.contains(q))
-    assert loaded.fraction() > 0.02 and verify(tmp_path / "large.h5", progress=False).ok
+    assert loaded.fraction() > 0.02 and verify(tmp_path / "large.npz", progress=False).ok
 
 
 @pytest.mark.slow
 def test_threads_save_and_load_at_once(tmp_path: Path) -> None:
-    """To HDF5, files in memory that have one name are one file."""
+    """Also where one writes over the file that another reads."""
     office = UnsafeSet.from_map(np.eye(20, dtype=bool)[::-1], resolution=0.2)
     tables = [sdhj.solve(yard(office), method, play=False) for method in ("hji", "lax", Certified(cells=[20, 20]))]
     for place, table in enumerate(tables):
-        table.save(tmp_path / f"{place}.h5")
+        table.save(tmp_path / f"{place}.npz")
 
     def at_work(task: int) -> None:
         place = task % len(tables)
-        path, table = tmp_path / f"{place}.h5", tables[place]
+        path, table = tmp_path / f"{place}.npz", tables[place]
         for _ in range(5):
             if task < 2 * len(tables):
-                table.save(path if task < len(tables) else tmp_path / f"{place} again.h5")
+                table.save(path if task < len(tables) else tmp_path / f"{place} again.npz")
             np.testing.assert_array_equal(sdhj.load(path).values(start=0), table.values(start=0))
 
     with ThreadPoolExecutor(9) as pool:
@@ -506,8 +506,8 @@ def asked(n, path):
     sdhj.Controller(sdhj.load(path)).steps_to_go([2.0, 2.0], 0)
     return (now("VmHWM") - before) / n**2
 with tempfile.TemporaryDirectory() as folder:
-    asked(20, folder + "/small.h5")
-    print(asked(1500, folder + "/large.h5"))
+    asked(20, folder + "/small.npz")
+    print(asked(1500, folder + "/large.npz"))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
     assert 32.0 < float(done.stdout) < BYTES_A_PIXEL

@@ -116,8 +116,8 @@ def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
     assert table.fraction() > share
     report = sdhj.monte_carlo(sdhj.Controller(table), 60, adversary="random", seed=0, steps=60, progress=False)
     assert report.rate("reached") == 1.0
-    table.save(tmp_path / "table.h5")
-    assert (verdict := verify(tmp_path / "table.h5", progress=False)).ok, str(verdict)
+    table.save(tmp_path / "table.npz")
+    assert (verdict := verify(tmp_path / "table.npz", progress=False)).ok, str(verdict)
 
 
 @pytest.mark.parametrize("adversary", ["worst", "greedy", "random"])
@@ -139,10 +139,10 @@ def test_what_is_lost_is_of_states():
 
 
 def test_a_file_says_so(fast, tmp_path):
-    fast.save(tmp_path / "table.h5")
-    again = sdhj.load(tmp_path / "table.h5")
+    fast.save(tmp_path / "table.npz")
+    again = sdhj.load(tmp_path / "table.npz")
     assert again.problem.sensing == fast.problem.sensing and again.problem.sensing.memory
-    assert (verdict := verify(tmp_path / "table.h5", progress=False)).ok, str(verdict)
+    assert (verdict := verify(tmp_path / "table.npz", progress=False)).ok, str(verdict)
     assert "memory" not in joint(0.1, memory=False).numbers["sensing"]
     assert joint(0.1).digest != joint(0.1, memory=False).digest
 
@@ -150,9 +150,9 @@ def test_a_file_says_so(fast, tmp_path):
 def test_remembering_is_the_default_and_files_from_before_forget(tmp_path):
     assert sdhj.Sensing(0.1).remembers and not sdhj.Sensing().remembers and sdhj.Sensing().entry_in_head == {}
     for memory in (False, True):
-        solved(0.1, cells=(20, 20), memory=memory, steps=2).save(tmp_path / "table.h5")
-        assert sdhj.load(tmp_path / "table.h5").problem.sensing.remembers == memory
-        assert sdhj.load(tmp_path / "table.h5", problem=joint(0.1, memory, 2)).problem.sensing.memory == memory
+        solved(0.1, cells=(20, 20), memory=memory, steps=2).save(tmp_path / "table.npz")
+        assert sdhj.load(tmp_path / "table.npz").problem.sensing.remembers == memory
+        assert sdhj.load(tmp_path / "table.npz", problem=joint(0.1, memory, 2)).problem.sensing.memory == memory
 
 
 def test_a_solve_says_which_error_eats_the_set():

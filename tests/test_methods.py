@@ -117,8 +117,8 @@ def test_it_is_controlled_and_simulated(adversary, rate):
 def test_its_table_is_saved_and_read(tmp_path):
     problem = ring_problem()
     table = sdhj.solve(problem, Shift(), progress=False)
-    table.save(tmp_path / "shift.h5")
-    again = sdhj.load(tmp_path / "shift.h5", problem=problem)
+    table.save(tmp_path / "shift.npz")
+    again = sdhj.load(tmp_path / "shift.npz", problem=problem)
     assert again.method == "shift" and again.details["exact"] is True
     np.testing.assert_array_equal(again.values(start=0, within=5), table.values(start=0, within=5))
 

@@ -232,7 +232,7 @@ for absent in ("matplotlib", "scipy", "shapely"):
 from sdhj.cli import main
 main(["--help"], standalone_mode=False)
 try:
-    main(["verify", "missing.h5"])
+    main(["verify", "missing.npz"])
 except SystemExit as ended:
     print("status", ended.code)
 for absent in ("matplotlib", "scipy", "shapely"):
@@ -258,7 +258,7 @@ for missing, line in [
 def test_a_missing_extra_is_named() -> None:
     run = fresh(MISSING)
     command, _, rest = run.stdout.partition("status 2\n")
-    assert "Commands:" in command and "missing.h5" in run.stderr and "Traceback" not in run.stderr
+    assert "Commands:" in command and "missing.npz" in run.stderr and "Traceback" not in run.stderr
     told, extras = rest.splitlines(), ("plot", "plot", "gym", "maps", "maps", "maps")
     assert len(told) == len(extras), run.stderr
     assert all(f"sdhj[{extra}]" in line for extra, line in zip(extras, told, strict=True))

@@ -660,8 +660,8 @@ def test_tubes_that_do_not_grow_are_reported():
 def test_the_table_is_an_ordinary_one(tmp_path):
     problem = sdhj.arm_case_study(nodes=9, steps=2)
     table = solve_quietly(problem, "projected")
-    table.save(tmp_path / "projected.h5")
-    again = sdhj.load(tmp_path / "projected.h5")
+    table.save(tmp_path / "projected.npz")
+    again = sdhj.load(tmp_path / "projected.npz")
     assert again.method == "projected"
     assert again.details == json.loads(json.dumps(dict(table.details)))
     assert again.details["subspaces"] == [[0, 1, 2], [0, 1, 3]] and again.details["inner"] == "hji"

@@ -147,8 +147,8 @@ def says(table, tmp_path):
     controller, rng = sdhj.Controller(table), np.random.default_rng(1)
     batch = controller.batch(points, 0)
     filtered = controller.filter(points, 0, wanted=rng.uniform(-0.5, 0.5, (len(points), 2)))
-    table.save(tmp_path / "it.h5")
-    loaded = sdhj.load(tmp_path / "it.h5")
+    table.save(tmp_path / "it.npz")
+    loaded = sdhj.load(tmp_path / "it.npz")
     known = [batch.steps_to_go, batch.safe, batch.margins, batch.best, filtered.commands, table.contains(points)]
     known += [
         loaded.problem.inputs,

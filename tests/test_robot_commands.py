@@ -31,36 +31,36 @@ def folder(tmp_path_factory):
     """A folder with a new robot, its certified table, and nothing else that the commands could need."""
     folder = tmp_path_factory.mktemp("robot")
     fine("new", folder / "car.py")
-    options = "--method", "certified", "--cells", "40,40,42", "-o", folder / "car.h5"
+    options = "--method", "certified", "--cells", "40,40,42", "-o", folder / "car.npz"
     assert "target reachable from" in fine("solve", f"{folder / 'car.py'}:problem", *options)
     (folder / "car.py").rename(folder / "away.txt")
     return folder
 
 
 def test_after_solve_nothing_needs_the_module(folder):
-    table = sdhj.load(folder / "car.h5")
+    table = sdhj.load(folder / "car.npz")
     start = table.centres(np.argwhere(table.bits(start=0, within=4))[:1])[0]
     state = ",".join(map(str, start))
-    assert "x: 41 nodes" in fine("info", folder / "car.h5")
-    assert "Certified for step 0" in fine("explain", folder / "car.h5", "--", state)
-    assert "not certified" in fine("explain", folder / "car.h5", "--", "-1,0,0")
-    said = fine("simulate", folder / "car.h5", f"--start={state}")
+    assert "x: 41 nodes" in fine("info", folder / "car.npz")
+    assert "Certified for step 0" in fine("explain", folder / "car.npz", "--", state)
+    assert "not certified" in fine("explain", folder / "car.npz", "--", "-1,0,0")
+    said = fine("simulate", folder / "car.npz", f"--start={state}")
     assert re.search(r"0\.000 s .* input \d: \(.+, .+\)", said) and "outcome: reached" in said
-    assert "reached" in fine("simulate", folder / "car.h5", "--runs", 20)
+    assert "reached" in fine("simulate", folder / "car.npz", "--runs", 20)
     for name, options in (("slice.svg", ["--at", "theta=0.5", "--axes", "y,x"]), ("run.png", [f"--start={state}"])):
-        fine("plot", folder / "car.h5", "-o", folder / name, *options)
+        fine("plot", folder / "car.npz", "-o", folder / name, *options)
         assert (folder / name).stat().st_size > 5000
-    assert "one step nearer" in fine("verify", folder / "car.h5")
+    assert "one step nearer" in fine("verify", folder / "car.npz")
 
 
 def test_export_and_its_proof(folder):
-    said = fine("export", folder / "car.h5", "-o", folder / "out", "--check")
+    said = fine("export", folder / "car.npz", "-o", folder / "out", "--check")
     assert "bytes of flash" in said and "exported: filter" in said and "NOT" not in said
     assert {one.name for one in (folder / "out").iterdir()} == {"sdhj_table.bin", "sdhj.h", "sdhj_robot.h"}
-    assert "exported: safe" in fine("verify", folder / "out", "--table", folder / "car.h5")
+    assert "exported: safe" in fine("verify", folder / "out", "--table", folder / "car.npz")
     alone = run("verify", folder / "out")
-    assert alone.exit_code == 2 and "--table table.h5" in alone.output
-    small = fine("export", folder / "car.h5", "-o", folder / "small", "--only", "select")
+    assert alone.exit_code == 2 and "--table table.npz" in alone.output
+    small = fine("export", folder / "car.npz", "-o", folder / "small", "--only", "select")
     sizes = [int(re.search(r"([\d,]+) bytes", text)[1].replace(",", "")) for text in (said, small)]
     assert sizes[1] < sizes[0] / 2
 
@@ -74,12 +74,12 @@ def test_export_and_its_proof(folder):
         (["plot", "{car}", "-o", "x.pdf"], ".png or .svg"),
         (["plot", "{car}", "-o", "x.png", "--axes", "x,z"], "the axes are x, y, theta"),
         (["plot", "{car}", "-o", "x.png", "--at", "theta"], "--at must be numbers"),
-        (["solve", "{robot}:problem", "--nodes", "9", "-o", "x.h5"], "--nodes is of the arm's case study"),
+        (["solve", "{robot}:problem", "--nodes", "9", "-o", "x.npz"], "--nodes is of the arm's case study"),
         (["solve", "{robot}:problem"], "give -o"),
-        (["solve", "{robot}:problems", "-o", "x.h5"], "there is no problems in it"),
-        (["solve", "{robot}", "-o", "x.h5"], "must be module:name or file.py:name"),
-        (["solve", "{robot}:inputs", "-o", "x.h5"], "failed"),
-        (["solve", "{robot}:problem", "--seconds", "3", "-o", "x.h5"], "--seconds needs --method certified"),
+        (["solve", "{robot}:problems", "-o", "x.npz"], "there is no problems in it"),
+        (["solve", "{robot}", "-o", "x.npz"], "must be module:name or file.py:name"),
+        (["solve", "{robot}:inputs", "-o", "x.npz"], "failed"),
+        (["solve", "{robot}:problem", "--seconds", "3", "-o", "x.npz"], "--seconds needs --method certified"),
         (["new", "{robot}"], "exists"),
         (["new", "robot.txt"], "Python file"),
     ],
@@ -87,12 +87,12 @@ def test_export_and_its_proof(folder):
 def test_what_is_wrong_is_one_line(folder, tmp_path, monkeypatch, arguments, named):
     monkeypatch.chdir(tmp_path)
     shutil.copy(folder / "away.txt", tmp_path / "car.py")
-    grid_table(tmp_path / "grid.h5")
-    names = {"grid": tmp_path / "grid.h5", "car": folder / "car.h5", "robot": tmp_path / "car.py"}
+    grid_table(tmp_path / "grid.npz")
+    names = {"grid": tmp_path / "grid.npz", "car": folder / "car.npz", "robot": tmp_path / "car.py"}
     result = run(*(one.format(**names) for one in arguments))
     assert result.exit_code == 2 and named in result.output and "Traceback" not in result.output
     assert len([line for line in result.output.splitlines() if line.startswith("Error")]) == 1
-    assert not {one.name for one in tmp_path.iterdir()} & {"x.h5", "x.png", "x.pdf", "out", "robot.txt"}
+    assert not {one.name for one in tmp_path.iterdir()} & {"x.npz", "x.png", "x.pdf", "out", "robot.txt"}
 
 
 def grid_table(path):
@@ -121,7 +121,7 @@ def test_a_robot_that_is_broken_is_told_so_in_a_line(folder, tmp_path, what):
     (tmp_path / "car.py").write_text(text.replace(old, new).replace("[41, 41, 32]", "[11, 11, 8]"))
     with warnings.catch_warnings(record=True) as told:  # on a terminal: lines that begin with "Warning"
         warnings.simplefilter("always")
-        result = run("solve", f"{tmp_path / 'car.py'}:problem", "-o", tmp_path / "car.h5")
+        result = run("solve", f"{tmp_path / 'car.py'}:problem", "-o", tmp_path / "car.npz")
     lines = [*result.output.splitlines(), *(str(one.message) for one in told)]
     assert sum(bool(re.search(sentence, line)) for line in lines) == 1 and "Traceback" not in result.output, lines
 
@@ -130,7 +130,7 @@ def test_advice_about_a_missing_periodic_works(folder, tmp_path):
     (tmp_path / "car.py").write_text((folder / "away.txt").read_text().replace("[41, 41, 32]", "[11, 11, 8]"))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        fine("solve", f"{tmp_path / 'car.py'}:problem", "-o", tmp_path / "car.h5")
+        fine("solve", f"{tmp_path / 'car.py'}:problem", "-o", tmp_path / "car.npz")
     assert not any("whole turn" in str(one.message) for one in told)
 
 
@@ -138,7 +138,7 @@ def test_a_problem_in_a_module(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (folder / "away.txt").read_text().replace("[41, 41, 32]", "[11, 11, 8]")
     (tmp_path / "robot_of_a_test.py").write_text(text + "\n\nmade = problem()\n")
-    assert "solved in" in fine("solve", "robot_of_a_test:made", "-o", "car.h5")
+    assert "solved in" in fine("solve", "robot_of_a_test:made", "-o", "car.npz")
 
 
 @pytest.mark.slow

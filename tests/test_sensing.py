@@ -544,7 +544,7 @@ def test_a_problem_that_senses_is_another_one():
 
 
 def test_a_file_knows_what_it_was_solved_for(tmp_path):
-    table, path = interval_tables(PLAYED)[0], tmp_path / "table.h5"
+    table, path = interval_tables(PLAYED)[0], tmp_path / "table.npz"
     table.save(path)
     assert read_head(path)["sensing"] == PLAYED
     assert sdhj.load(path, problem=table.problem).fraction(start=0, within=3) == table.fraction(start=0, within=3)

@@ -69,7 +69,7 @@ def three_ways(problem: sdhj.ReachAvoidProblem, method: str) -> tuple[float, flo
     with TemporaryDirectory() as folder:
         stored = worked(sdhj.solve, problem, method, store=Path(folder) / "table", **told)[0]
         size = on_disk(Path(folder) / "table")
-        saved = worked(lambda: sdhj.solve(problem, method, **told).save(Path(folder) / "table.h5"))[0]
+        saved = worked(lambda: sdhj.solve(problem, method, **told).save(Path(folder) / "table.npz"))[0]
     return bare, saved, stored, size
 
 

@@ -49,7 +49,7 @@ def timed(problem: sdhj.ReachAvoidProblem, cells: tuple[int, ...]) -> tuple[tupl
         began = time.process_time()
         table = sdhj.solve(problem, sdhj.Certified(cells=cells), progress=False, play=False)
         solved = time.process_time() - began
-        table.save(file := Path(folder) / "table.h5")
+        table.save(file := Path(folder) / "table.npz")
         began = time.process_time()
         verdict = verify(file, progress=False)
         checked = time.process_time() - began

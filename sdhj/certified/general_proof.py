@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from typing import Any, ClassVar
 
-import h5py
 import numpy as np
 from tqdm import tqdm
 
@@ -52,6 +51,7 @@ from sdhj.problem.checks import whole
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
+from sdhj.table.container import Contents
 from sdhj.table.files import read_array
 
 NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick out of the boxes that it is looked up in
@@ -279,21 +279,18 @@ class GeneralProof(Images):
         lines = self.lines
         return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
-    def save(self, file: h5py.File) -> None:
-        """Write the proof's arrays to an open HDF5 file, compressed, as data sets of its root.
-
-        "low", "high" and "clear", and "arrives" and "lines" where there are any.
-        """
+    @property
+    def arrays(self) -> dict[str, FloatArray]:
+        """The proof's arrays in a file: "low", "high" and "clear", and "arrives" and "lines" where there are any."""
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
-        arrays = {name: getattr(self, name) for name in names}
-        for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
-            file.create_dataset(name, data=data, compression="gzip", shuffle=True)
+        found = {name: getattr(self, name) for name in names}
+        return found | ({"lines": self.lines.each} if len(self.lines.normals) else {})
 
     @classmethod
     def load(
-        cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
+        cls, stated: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "GeneralProof":
-        """The proof that `save` wrote to an open file; its arrays are read-only.
+        """The proof whose arrays are in an open file; its arrays are read-only.
 
         stated : what `GeneralProof.entry_in_head` was; its "unsure" is not read. axes : the cells of each axis.
         ValueError where what is stated, or the shape or the type of an array, does not fit the problem and its cells;

@@ -18,7 +18,6 @@ from functools import partial
 from itertools import combinations, pairwise, product
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from sdhj.certified.bounds import Bounds, within_grid
@@ -28,6 +27,7 @@ from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.oblique import draw_lines
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.container import Contents
 from sdhj.table.files import read_array
 
 FAN = 8  # normals in the plane of two axes where one component has many, half a turn of them
@@ -282,7 +282,7 @@ def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     return 8 * MOST_LINES if len(normals_of(problem, axes, depends)) else 0
 
 
-def lines_in_file(stated: Mapping[str, Any], file: h5py.File, proof: Any) -> Lines:
+def lines_in_file(stated: Mapping[str, Any], file: Contents, proof: Any) -> Lines:
     """The lines in an open file, read-only; ValueError where their normals, halo or shape do not fit the proof.
 
     stated : the proof's part of the head, with "normals" and "halo". proof : a `GeneralProof` that has its moves.

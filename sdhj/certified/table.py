@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
-import h5py
 import numpy as np
 
 from sdhj.certified.arm.proof import ArmProof
@@ -28,7 +27,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled_finding
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
-from sdhj.table.files import PACKING, TableFileError, read_array, written_table
+from sdhj.table.container import Contents
+from sdhj.table.files import TableFileError, read_array, write_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -578,10 +578,11 @@ class CertifiedTable(Table):
         each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to an HDF5 file, which is replaced, whole or not at all.
+    def save(self, path: str | os.PathLike[str], compress: bool = True) -> None:
+        """Write the table to a file, as `LookupTable.save` does, which is replaced, whole or not at all.
 
-        path : of the file; `CertifiedTable.read` says what is checked when it is read. OSError if it cannot be written.
+        path : of the file; `CertifiedTable.read` says what is checked when it is read. compress : whether arrays are
+        packed; if not, they are mapped when the file is loaded. OSError if it cannot be written.
         """
         cells = {
             "kind": self.proof.kind,
@@ -593,14 +594,11 @@ class CertifiedTable(Table):
         }
         if self.cells.layers.any():
             cells["layers"] = [list(axis.layers) for axis in self.axes]
-        with written_table(path, self, cells=cells, proof=self.proof.entry_in_head) as file:
-            file.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
-            chunks = (min(len(self.pool), 4096), self.pool.shape[1])
-            file.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
-            self.proof.save(file)
+        arrays = {"index": self.index, "pool": self.pool} | self.proof.arrays
+        write_table(path, self, arrays, compress, cells=cells, proof=self.proof.entry_in_head)
 
     @classmethod
-    def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
+    def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem) -> "CertifiedTable":
         """The table in an open file with this head, for a problem that has been read from it.
 
         ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together: the cells do not

@@ -123,6 +123,8 @@ class Table(ReadOnly):
         Whether the answers are proved, so that checking the true sets adds nothing.
     player : callable, or None
         Simulates runs for `played`.
+    origin : Origin, or None
+        The file that the arrays are mapped from (`sdhj.table.files`), as which the table is pickled.
     """
 
     problem: ReachAvoidProblem
@@ -131,9 +133,14 @@ class Table(ReadOnly):
     index: FloatArray
     proved: ClassVar[bool] = False  # whether the answers are proved, so that checking the true sets adds nothing
     player: Player | None = None  # by which runs are simulated; `sdhj.solving`, which knows one, hands it over
+    origin: Any = None
     _axes: Any = (np.zeros(0, np.int64),) * 2  # of the avoid tubes
     _tapes: Any = NO_TAPES
     _explain = explain_on_grid
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Pickled it is the name of the file that its arrays are mapped from, as long as that is there."""
+        return (self.origin and self.origin.reduced(self)) or super().__reduce_ex__(protocol)
 
     @property
     def grid(self) -> Grid:
@@ -660,8 +667,8 @@ class Table(ReadOnly):
         """
         raise NotImplementedError
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a self-describing HDF5 file, or raise OSError; an older file stays until the new one is complete."""
+    def save(self, path: str | os.PathLike[str], compress: bool = False) -> None:
+        """Write a self-describing file, or raise OSError; an older file stays until the new one is complete."""
         raise NotImplementedError
 
 

@@ -85,7 +85,7 @@ class Stated(NamedTuple):
         return found | ({"packed": list(self.packed)} if self.packed else {})
 
 
-def header(kind: str, shape: Sequence[int]) -> bytes:
+def header(kind: Any, shape: Sequence[int]) -> bytes:
     """What stands before the numbers in an .npy file of version 1.0: `HEADER` bytes, for any shape."""
     descr = np.dtype(kind).newbyteorder("<").str
     text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {tuple(map(int, shape))}, }}"
@@ -197,7 +197,8 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
         values: FloatArray = np.asarray(arrays[name], order="C")
         kind, shape = values.dtype.name, values.shape
         data = values.astype(values.dtype.newbyteorder("<"), copy=False).reshape(-1).view(np.uint8).data
-        every, found, crc = [header(kind, shape), *parts_of(data)], hashlib.sha256(), 0
+        every: list[memoryview | bytes] = [header(kind, shape), *parts_of(data)]
+        found, crc = hashlib.sha256(), 0
         packer, packed = zlib.compressobj(1, zlib.DEFLATED, -15), list[bytes]()
         for piece in every:
             found.update(piece)
@@ -224,7 +225,7 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
 
 
 def believed(stated: Mapping[str, Stated]) -> bool:
-    """Whether packed arrays are no larger than a reader unpacks: a small file that is a large one unpacked is refused."""
+    """Whether packed arrays are no larger than a reader unpacks: small files that are large ones unpacked are not."""
     packed = [(one.packed[0], one.size) for one in stated.values() if one.packed]
     return sum(size for _, size in packed) <= max(MOST_UNPACKED, MOST_RATIO * sum(small for small, _ in packed))
 
@@ -269,7 +270,7 @@ class Contents:
         """Open a regular file, or a folder, and compare all bytes but the arrays' with what would be written.
 
         `Damaged` where they differ, ValueError and others where the head tells what no table's does; OSError if it
-        cannot be read.
+        cannot be read, MemoryError if what is packed does not fit into memory.
         """
         self.path, self.folder = path, path.is_dir()
         image = mapped(path / HEAD) if self.folder else mapped(path)
@@ -279,9 +280,10 @@ class Contents:
         self.stated = {name: Stated.of_json(name, one) for name, one in sorted(self.head.pop("arrays").items())}
         if not believed(self.stated):
             raise ValueError("its arrays are packed more closely than any that are written")
-        if self.folder:
-            if any(one.packed for one in self.stated.values()):
-                raise ValueError("arrays in a folder are not compressed")
+        unpacked = sum(one.size for one in self.stated.values() if one.packed)
+        require_memory(unpacked, "all that is packed in the file", "close other programs, or use a larger machine")
+        if self.folder:  # where what was packed is not any more
+            self.stated = {name: one._replace(packed=None) for name, one in self.stated.items()}
             self.parts = {name: mapped(path / file_name(name)) for name in self.stated}
         else:
             self.parts = self._members(image, bytes(text))
@@ -298,7 +300,7 @@ class Contents:
 
     def _first(self, image: memoryview) -> int:
         """Where the head begins in a zip; `Damaged` if no head begins there."""
-        if len(image) < 256 or image[:4] != b"PK\3\4" or image[30 : 30 + len(HEAD)] != HEAD.encode():
+        if len(image) < 256 or bytes(image[:4]) != b"PK\3\4" or image[30 : 30 + len(HEAD)] != HEAD.encode():
             raise Damaged("it does not begin as a table's file does")
         return len(Member(HEAD.encode(), 0, 0, 0, False, 0).header)
 
@@ -332,13 +334,12 @@ class Contents:
     def array(self, name: str) -> FloatArray:
         """The array of that name, read-only: mapped, or in memory where it is packed. KeyError where there is none.
 
-        `Damaged` or ValueError if it cannot be unpacked, MemoryError if it does not fit into memory.
+        `Damaged` or ValueError if it cannot be unpacked.
         """
         one, part = self.stated[name], self.parts[name]
         if one.packed:
             if sha256(part) != one.packed[1]:
                 raise Damaged(f"its array {name} is not what was written")
-            require_memory(one.size, f"the array {name} of the file", "close other programs")
             unpacker, data = zlib.decompressobj(-15), b""
             with suppress(zlib.error):
                 data = unpacker.decompress(part, one.size + 1)

@@ -1,14 +1,10 @@
 """The files of tables, which are written completely or not at all.
 
-A table's file begins with three lines of text: its format and version, the SHA-256 of everything after that line, and
-the problem, method and conventions as JSON (the *head* of the file). They are followed by an HDF5 file that contains
-only the arrays that the table's class writes. The digest is checked first, so that no damaged bytes reach the HDF5
-library. `sdhj.solving.load` chooses the class by the method, and the builder of a case study by its recipe.
+A table's file, or folder, holds the arrays that the table's class writes and, as its head, the problem, method and
+conventions (`sdhj.table.container`). `sdhj.solving.load` chooses the class by the method, and the builder of a case
+study by its recipe.
 """
 
-import hashlib
-import json
-import math
 import os
 import re
 import reprlib
@@ -17,37 +13,26 @@ import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any
-
-import h5py
-import numpy as np
 
 from sdhj.formulas.graph import MOST_TABLES
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.describing import TOLD, arrays_of, described, digest_of
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import MOST_SAMPLED, ReachAvoidProblem
 from sdhj.problem.restoring import problem_from, tables_of, what_differs
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.statement import LAYOUT
 from sdhj.table.batches import Table, entry
+from sdhj.table.container import CHECKED, FORMAT, HEAD, Contents, Damaged, head_text, stated_in, write_zip
 
 TEMPORARIES: set[Path] = set()  # files that are being written
 Named = str | os.PathLike[str]
 Lengths = tuple[int | set[int], ...]
 VERSION = "0.2.0"
-FORMAT_VERSION = 5
-FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
-MOST_HEAD = 1 << 24  # bytes of the head
-MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
-MOST_CHUNK = 1 << 24  # numbers that are unpacked at once, or all of the array
-PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
-FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
 
 class TableFileError(ValueError):
@@ -166,39 +151,34 @@ def unwritable_error(folder: Path, error: OSError) -> OSError:
 # ---- tables
 
 
-@contextmanager
-def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.File]:
-    """A context with an open HDF5 file, to which the class of a table writes its arrays; `path` is written at its end.
+def write_table(path: Named, table: Table, arrays: Mapping[str, FloatArray], compress: bool, **head: Any) -> None:
+    """Write a table with these arrays, and those of its problem, to a file, in place of an older one.
 
-    The file is built in memory, with the arrays of the problem, and written to disk as a whole in place of an older
-    one, because the HDF5 library does not survive a full disk. Nothing is written if the context ends by an error.
+    head : further entries of the file's head, plain values (JSON). compress : whether arrays are packed.
 
-    head : further entries of the file's head, plain values (JSON).
-
-    OSError if the file cannot be written; ValueError if the head is too long.
+    OSError if the file cannot be written; ValueError if the head is too long or `compress` is no bool.
     """
+    if not isinstance(compress, bool):
+        raise ValueError(f"compress must be True or False, got {reprlib.repr(compress)}")
     about = make_head(table.problem, table.method, table.details, table.problem.digest)
-    text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
-    if len(text) > MOST_HEAD:
-        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and at most {MOST_HEAD:,} fit")
-    first = FIRST_LINE.format(FORMAT_VERSION).encode()
-    before = len(first) + len("sha256 \n") + 64
-    block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
-    image = BytesIO()  # not a file of HDF5's core driver, which two threads could not have open by one name
-    with h5py.File(image, "w", userblock_size=block) as file:
-        for name, values in arrays_of(table.problem).items():
-            file[name] = values
-        yield file
-    text, arrays = text.ljust(block - before), image.getbuffer()[block:]
-    digest = hashlib.sha256(text)
-    digest.update(arrays)
+    arrays = dict(arrays) | arrays_of(table.problem)
     try:
         with replaced_whole(path) as temporary, open(temporary, "wb") as out:
-            for part in (first, f"sha256 {digest.hexdigest()}\n".encode(), text, arrays):
-                out.write(part)
+            write_zip(out, about | head, arrays, compress)
     except OSError as error:
-        size = 1e-6 * len(arrays)
+        size = 1e-6 * sum(one.nbytes for one in arrays.values())
         raise OSError(f"{error}; the table takes {size:.0f} MB and is still in memory: save it elsewhere") from error
+
+
+def finish_folder(folder: Path, head: Mapping[str, Any], shapes: Mapping[str, tuple[str, tuple[int, ...]]]) -> None:
+    """Make a folder of arrays, which `container.begin_array` began, a table: it gets its problem.json, last of all.
+
+    shapes : of each array dtype and shape, which may be shorter than it was begun: its file is cut. head : as
+    `make_head` returns it, and what the table's class adds. OSError if it cannot be written.
+    """
+    text = head_text(head, stated_in(folder, shapes))
+    with replaced_whole(folder / HEAD) as temporary:
+        temporary.write_bytes(text)
 
 
 def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
@@ -219,7 +199,7 @@ def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any
 
 
 def read_head(path: Named) -> dict[str, Any]:
-    """The head of a table's file, as `checked_head` returns it; the arrays are not read.
+    """The head of a table's file, as `checked_head` returns it.
 
     The errors are those of `sdhj.load`: OSError, TableFileError, MemoryError, and ValueError if `path` is no name.
     """
@@ -227,32 +207,23 @@ def read_head(path: Named) -> dict[str, Any]:
         return head
 
 
-def read_array(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
-    """Read an array of a file, after checking that the file contains it, its dtype and its shape.
+def read_array(file: Contents, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
+    """An array of a file, mapped or unpacked, read-only, after checking that there is one, its dtype and its shape.
 
     kinds : the names of the allowed dtypes in one string, separated by spaces.
     shape : for each axis the length, or a set of allowed lengths; None allows any shape.
     most : how many bytes the array may have; None: any number.
 
-    ValueError if the array does not fit, and for what forged files may have: links, text, data in other files, or data
-    packed closer than sdhj writes them. MemoryError if it does not fit into memory.
+    ValueError if the array does not fit. MemoryError if it is packed and does not fit into memory.
     """
-    if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
+    one = file.stated.get(name)
+    if one is None:
         raise ValueError(f"it contains no array {name}")
-    data = file[name]
-    plan = data.id.get_create_plist()
-    filters = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
-    if data.is_virtual or data.external is not None or not filters <= FILTERS:
-        raise ValueError(f"its array {name} lies in another file or has another compression")
-    if not (shape is None or fits(data.shape or (), shape)) or data.dtype not in map(np.dtype, kinds.split()):
-        raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
-    packed = data.nbytes > MOST_PACKED * (data.id.get_storage_size() + 1000)
-    if packed or math.prod(data.chunks or ()) > max(data.size, MOST_CHUNK):
-        raise ValueError(f"its array {name} of {data.nbytes:,} bytes has too few of them in the file, or large chunks")
-    if most is not None and data.nbytes > most:
-        raise ValueError(f"its array {name} has {data.nbytes:,} bytes, and at most {most:,} are read")
-    require_memory(data.nbytes, f"the array {name} of the file", "close other programs")
-    return data[()]
+    if not (shape is None or fits(one.shape, shape)) or one.kind not in kinds.split():
+        raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {one.kind} of {one.shape}")
+    if most is not None and one.size > most:
+        raise ValueError(f"its array {name} has {one.size:,} bytes, and at most {most:,} are read")
+    return file.array(name)
 
 
 def fits(found: tuple[int, ...], shape: Lengths) -> bool:
@@ -262,71 +233,70 @@ def fits(found: tuple[int, ...], shape: Lengths) -> bool:
 
 
 @contextmanager
-def opened_table(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """A context with the head of a table's file, as `checked_head` returns it, and its HDF5 file, open for reading.
+def opened_table(path: Named, check: bool | None = None) -> Iterator[tuple[dict[str, Any], Contents]]:
+    """A context with the head of a table's file or folder, as `checked_head` returns it, and its arrays.
 
-    The digest of the file is checked before anything else is read. FileNotFoundError or OSError if it cannot be read,
-    MemoryError if its arrays do not fit; whatever else goes wrong, also inside the context, becomes a TableFileError.
+    check : whether the arrays' digests are read first; None: those of less than `CHECKED` bytes.
+
+    FileNotFoundError or OSError if it cannot be read, MemoryError if its arrays do not fit; whatever else goes wrong,
+    also inside the context, becomes a TableFileError.
     """
-    path = _regular(path)
+    path = _named(path)
+    if not isinstance(check, bool | None):
+        raise ValueError(f"check must be True, False or None, got {reprlib.repr(check)}")
     try:
-        stream = open(path, "rb")
+        file = Contents(path)
+        if check or (check is None and file.nbytes < CHECKED):
+            file.check()
+        yield checked_head(file.head), file
+    except TableFileError:
+        raise
+    except Damaged as error:
+        raise TableFileError(_no_table(path)) from error
     except FileNotFoundError:
+        if path.is_dir():
+            raise TableFileError(_no_table(path)) from None
         raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`") from None
-    except OSError as error:
+    except PermissionError as error:
         raise type(error)(f"cannot read {path}: {error.strerror}; check the permissions") from error
-    with stream:
-        text = _head_text(path, stream)
-        try:
-            head = checked_head(json.loads(text))
-            with h5py.File(stream, "r") as file:
-                _require_memory(file)
-                yield head, file
-        except TableFileError:
-            raise
-        except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
-            raise TableFileError(
-                f"{path} is undamaged, but not a look-up table that can be read ({error}); solve it anew"
-            ) from error
+    except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
+        raise TableFileError(
+            f"{path} is undamaged, but not a look-up table that can be read ({error}); solve it anew"
+        ) from error
 
 
-def _require_memory(file: h5py.File) -> None:
-    """Raise MemoryError, before anything is read, where all arrays of a file together do not fit into memory."""
-    needed: list[int] = []
-    file.visititems(lambda name, one: needed.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
-    require_memory(sum(needed), "all that is in the file", "close other programs, or use a machine with more memory")
+def _named(path: Named) -> Path:
+    """The path of a file or a folder that a name refers to, links followed; errors as from `_regular`."""
+    try:
+        return _regular(path)
+    except IsADirectoryError:
+        return Path(os.path.realpath(path))
 
 
-def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
+def _no_table(path: Path) -> str:
+    """Why a file or a folder is no table, as far as its first bytes say, and what to do."""
+    file, begin = path / HEAD if path.is_dir() else path, b""
+    with suppress(OSError), open(file, "rb") as stream:
+        begin = stream.read(400)
+    if begin.startswith((b"\x89HDF", b"sdhj look-up table, format")):
+        return f"{path} is an HDF5 file, of an earlier sdhj, and sdhj {VERSION} reads NumPy's arrays; solve it anew"
+    version = re.search(rb'\{"format": ([0-9]{1,9}), "sha256": ', begin)
+    if version and int(version[1]) != FORMAT:
+        what = "upgrade sdhj" if int(version[1]) > FORMAT else "solve it anew"
+        return f"{path} has format version {int(version[1])}; this is sdhj {VERSION}, which reads {FORMAT}: {what}"
+    if path.is_dir() and not begin:
+        return f"{path} is a folder without {HEAD}: no table, or one that is not solved yet (resume=True goes on)"
+    return f"{path} is damaged, cut short or not a look-up table; solve it anew"
+
+
+def require_entries(head: Mapping[str, Any], file: Contents) -> None:
     """Check that the index of a file has as many entries as its steps take, before anything is made for so many.
 
     head : as `checked_head` returns it. ValueError if it has not.
     """
-    one = file["index"] if isinstance(file.get("index", getlink=True), h5py.HardLink) else None
-    shape, steps = getattr(one, "shape", None) or (0,), head["steps"]
+    shape, steps = (file.stated["index"].shape if "index" in file.stated else ()) or (0,), head["steps"]
     if shape[0] not in (allowed := {1, steps + 1, entry(steps, steps, 0) + 1}):
         raise ValueError(f"its array index must have {' or '.join(map(str, sorted(allowed)))} entries, got {shape[0]}")
-
-
-def _head_text(path: Path, stream: BufferedReader) -> bytes:
-    """The head of a file, as JSON text, after checking that the file's bytes are those that were written.
-
-    stream : the file at its beginning; it is read to its end for this. TableFileError for another version or a wrong
-        digest.
-    """
-    first = stream.readline(100)
-    version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
-    if version and int(version[1]) != FORMAT_VERSION:
-        raise TableFileError(
-            f"{path} has format version {int(version[1])}; this is sdhj {VERSION}, which reads version "
-            f"{FORMAT_VERSION}: " + ("upgrade sdhj" if int(version[1]) > FORMAT_VERSION else "solve it anew")
-        )
-    second = stream.readline(100)
-    begin = stream.tell()
-    if not version or second != f"sha256 {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode():
-        raise TableFileError(f"{path} is damaged, cut short or not a look-up table; solve it anew")
-    stream.seek(begin)
-    return stream.readline(MOST_HEAD)
 
 
 def checked_head(head: Any) -> dict[str, Any]:
@@ -356,20 +326,16 @@ def checked_head(head: Any) -> dict[str, Any]:
     }
 
 
-def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
+def arrays_in(file: Contents) -> dict[str, FloatArray]:
     """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0".
 
-    ValueError if what has the name of a group is no group, if an array is not float64, or if those of a group take more
-    than `MOST_TABLES` bytes.
+    ValueError if an array is not float64, or if those of formulas, or of black boxes, take more than `MOST_TABLES`
+    bytes.
     """
     found: dict[str, FloatArray] = {}
-    for group in ("tables", "opaque"):
-        if file.get(group, getlink=True) is None:
-            continue
-        if not isinstance(file.get(group, getlink=True), h5py.HardLink) or file.get(group, getclass=True) != h5py.Group:
-            raise ValueError(f"its {group} are no group of arrays")
+    for group in ("tables/", "opaque/"):
         left = MOST_TABLES
-        for name in (f"{group}/{one}" for one in file[group]):
+        for name in (one for one in file.stated if one.startswith(group)):
             found[name] = read_array(file, name, "float64", None, left)
             left -= found[name].nbytes
     return found
@@ -408,3 +374,45 @@ def problem_of_file(
             f"{problem.name!r} is {problem.digest[:12]}...; {other}"
         )
     return problem
+
+
+# ---- tables of files
+
+
+class Origin:
+    """The file or folder that a table's arrays are mapped from: as which the table is pickled, while it is there."""
+
+    def __init__(self, path: Path, sha256: str) -> None:
+        """Keep the path and the SHA-256 of the head."""
+        self.path, self.sha256 = Path(os.path.abspath(path)), sha256
+
+    def reduced(self, table: Any) -> Any:
+        """How pickle makes the table again: from the file, and the problem if it has black boxes; None without it."""
+        try:
+            unchanged = Contents(self.path).sha256 == self.sha256
+        except (OSError, ValueError, LookupError, TypeError):
+            unchanged = False
+        opaque = table.problem if table.problem.opaque else None
+        return (reopened, (type(table), self.path, self.sha256, opaque, table.player)) if unchanged else None
+
+
+def table_in(
+    kind: Any, path: Named, head: dict[str, Any], file: Contents, problem: ReachAvoidProblem | None, player: Any
+) -> Any:
+    """The table of a class in an open file: its `read` makes it; errors as from `sdhj.load`.
+
+    player : simulates runs for `Table.played`.
+    """
+    require_entries(head, file)
+    table = replace(kind.read(head, file, problem_of_file(path, head, arrays_in(file), problem)), player=player)
+    if not any(one.packed for one in file.stated.values()):
+        object.__setattr__(table, "origin", Origin(file.path, file.sha256))  # not of what `replace` makes of it
+    return table
+
+
+def reopened(kind: Any, path: Path, sha256: str, problem: ReachAvoidProblem | None, player: Any) -> Any:
+    """The table that was pickled as the name of its file; TableFileError if that has another content now."""
+    with opened_table(path) as (head, file):
+        if file.sha256 != sha256:
+            raise TableFileError(f"{path} has changed since the table was pickled as its name; load it anew")
+        return table_in(kind, path, head, file, problem, player)

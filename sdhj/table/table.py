@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
-import h5py
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox
@@ -30,7 +29,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.uncertain import eroded_by_error, largest_in_error_box
 from sdhj.table.ahead import NO_TAPES, tapes_of
 from sdhj.table.batches import NOWHERE, Batch, Player, Table, entry
-from sdhj.table.files import PACKING, read_array, written_table
+from sdhj.table.container import Contents
+from sdhj.table.files import read_array, write_table
 from sdhj.table.keeping import Kept
 
 QUIET = 5  # steps over which the motion of a boundary is measured
@@ -426,48 +426,48 @@ class LookupTable(Table):
 
     # ---- on disk
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to an HDF5 file; replaces it, whole or not at all.
+    def save(self, path: str | os.PathLike[str], compress: bool = False) -> None:
+        """Write the table to a file of NumPy arrays, which `numpy.load` opens, too; replaces it, whole or not at all.
 
         Parameters
         ----------
         path : path
-            Of the file; by custom it ends in .h5.
+            Of the file; by custom it ends in .npz.
+        compress : bool
+            Whether to pack the arrays, to a fifth or so: it takes longer, and they are then not mapped by `sdhj.load`
+            but unpacked into memory.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+        ValueError
+            If `compress` is neither True nor False.
 
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
 
         >>> import tempfile, pathlib
-        >>> path = pathlib.Path(tempfile.mkdtemp()) / "line.h5"
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "line.npz"
         >>> table.save(path)
         >>> sdhj.load(path).fraction() == table.fraction()
         True
         """
         axes = {name: getattr(self.avoid, f"{name}_axes") for name in ("static", "moving")}
-        with written_table(path, self, avoid_axes=axes, entries="start and within of each entry of the index") as file:
-            file["entries"] = entries(self.steps)
-            file["index"] = self.index
-            file.create_dataset("tubes", data=self.tubes, chunks=(1, *self.grid.shape), **PACKING)
-            file.create_dataset("marks", data=self.marks, chunks=(1, 1, self.grid.size), **PACKING)
-            for name in ("static", "moving"):
-                file.create_dataset(f"avoid_{name}", data=getattr(self.avoid, name), chunks=True, **PACKING)
+        arrays = {"entries": entries(self.steps), "index": self.index, "tubes": self.tubes, "marks": self.marks}
+        arrays |= {f"avoid_{name}": getattr(self.avoid, name) for name in axes}
+        told = {"avoid_axes": axes, "entries": "start and within of each entry of the index"}
+        write_table(path, self, arrays, compress, **told)
 
     @classmethod
-    def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> Self:
-        """The table of this problem in an open file of `sdhj.table.files.opened`, with the file's head.
+    def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem) -> Self:
+        """The table of this problem in an open file of `sdhj.table.files.opened_table`, with the file's head.
 
         ValueError if file and problem do not fit together.
         """
         index = read_array(file, "index", "int64", (len(entries(problem.most_steps)),))
-        names = {"marks": "masks"} if "masks" in file else {}  # as files called them at first
-        read = partial(read_array, file)
-        return cls.of_arrays(head, lambda name, *rest: read(names.get(name) or name, *rest), index, problem)
+        return cls.of_arrays(head, partial(read_array, file), index, problem)
 
     @classmethod
     def of_arrays(

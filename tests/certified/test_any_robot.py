@@ -30,7 +30,7 @@ SEEDS = range(int(os.environ.get("SDHJ_ROBOTS", "0"))) or GROWING
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     table = sdhj.solve(car(), sdhj.Certified(cells=(40, 40, 38), parts=4), progress=False)
-    path = tmp_path_factory.mktemp("car") / "car.h5"
+    path = tmp_path_factory.mktemp("car") / "car.npz"
     table.save(path)
     return table, path
 
@@ -57,8 +57,8 @@ def play_and_check(seed, tmp_path, runs):
     for adversary in robots.ADVERSARIES:
         outcomes = robot.outcomes(table, adversary, np.random.default_rng(seed), runs)
         assert set(outcomes) == {"reached"}, (seed, adversary)
-    table.save(tmp_path / "robot.h5")
-    assert (verdict := verify(tmp_path / "robot.h5", samples=300, progress=False)).ok, f"{seed}: {verdict}"
+    table.save(tmp_path / "robot.npz")
+    assert (verdict := verify(tmp_path / "robot.npz", samples=300, progress=False)).ok, f"{seed}: {verdict}"
     return table.fraction(start=0, within=robot.steps) > 1.1 * table.fraction(start=0, within=0)
 
 
@@ -89,8 +89,8 @@ def test_staying_clear_for_ever(tmp_path, rng):
     inside = table.contains(states, start=0, within=table.steps)
     fast = np.maximum(states[:, 1], 0) ** 2 / (2 * 3.2)
     assert not (inside & (states[:, 0] + fast > 1)).any() and inside.mean() > 0.4
-    table.save(tmp_path / "cart.h5")
-    assert (verdict := verify(tmp_path / "cart.h5", progress=False)).ok, str(verdict)
+    table.save(tmp_path / "cart.npz")
+    assert (verdict := verify(tmp_path / "cart.npz", progress=False)).ok, str(verdict)
     states = states[inside][:300]
     for _ in range(10 * table.steps):
         safe = table.certified_inputs(states, 0, 1)
@@ -118,8 +118,8 @@ def test_a_hill_pushes_outward_from_its_top(tmp_path):
     )
     table = sdhj.solve(problem, sdhj.Certified(cells=[32, 32]), progress=False, play=False)
     assert table.contains([[0.6, 0.0]], start=0) and not table.contains([[-1.8, 0.0]], start=0)
-    table.save(tmp_path / "hill.h5")
-    assert (verdict := verify(tmp_path / "hill.h5", progress=False)).ok, str(verdict)
+    table.save(tmp_path / "hill.npz")
+    assert (verdict := verify(tmp_path / "hill.npz", progress=False)).ok, str(verdict)
     report = sdhj.monte_carlo(sdhj.Controller(table), 500, "worst", seed=0, progress=False)
     assert report.counts["reached"] == 500
 
@@ -140,11 +140,11 @@ def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     table = sdhj.solve(stream(), sdhj.Certified(cells=(10, 10)), progress=False)
     gone = table.contains([[0.95, 0.5], [0.05, 0.5], [0.05, 0.9]], start=0, within=4)
     assert gone.tolist() == [True, False, True]
-    table.save(tmp_path / "stream.h5")
-    assert (verdict := verify(tmp_path / "stream.h5", progress=False)).ok, str(verdict)
+    table.save(tmp_path / "stream.npz")
+    assert (verdict := verify(tmp_path / "stream.npz", progress=False)).ok, str(verdict)
     walled = replace(stream(), grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["unsafe", "wall"]))
-    describe(tmp_path / "stream.h5", walled)
-    verdict = verify(tmp_path / "stream.h5", progress=False)
+    describe(tmp_path / "stream.npz", walled)
+    verdict = verify(tmp_path / "stream.npz", progress=False)
     assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in verdict.claims)
 
 
@@ -160,7 +160,7 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
 
     done = asked(saved[1])
     assert done.exit_code == 0 and "moves: " in done.output and "NOT proved" not in done.output, done.output
-    path = tmp_path / "line.h5"
+    path = tmp_path / "line.npz"
     sdhj.solve(hidden(), sdhj.Certified(cells=[80]), progress=False).save(path)
     done = asked(path, "--problem", "lines:problem")
     assert done.exit_code == 0 and "rests on what is stated of wall" in done.output, done.output
@@ -179,10 +179,10 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
 
 
 def test_the_checker_alone_says_what_it_cannot_read(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["check", str(tmp_path / "nothing.h5")])
+    monkeypatch.setattr(sys, "argv", ["check", str(tmp_path / "nothing.npz")])
     with pytest.raises(SystemExit, match="2"):
         runpy.run_module("sdhj.certified.check", run_name="__main__")
-    assert "Error: " in (said := capsys.readouterr().err) and "nothing.h5" in said
+    assert "Error: " in (said := capsys.readouterr().err) and "nothing.npz" in said
 
 
 def test_a_velocity_that_is_undefined_somewhere_is_named_with_its_place():
@@ -223,7 +223,7 @@ def test_a_black_box_may_have_an_enclosure(tmp_path):
     def declared(low, high, t0, t1):
         return 3.0 - high[:, 0], 3.0 - low[:, 0]
 
-    path = tmp_path / "line.h5"
+    path = tmp_path / "line.npz"
     given = hidden(enclosure=declared, slope=None)
     sdhj.solve(given, sdhj.Certified(cells=[80]), progress=False).save(path)
     verdict = verify(path, given, progress=False)

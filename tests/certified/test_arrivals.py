@@ -101,8 +101,8 @@ def test_predictions_arrive_in_cells_of_the_goal_alone():
 
 def test_arrivals_are_kept_in_a_file_and_older_files_have_none(tmp_path):
     table = proved(unaligned())
-    table.save(tmp_path / "table.h5")
-    loaded = sdhj.load(tmp_path / "table.h5")
+    table.save(tmp_path / "table.npz")
+    loaded = sdhj.load(tmp_path / "table.npz")
     assert np.array_equal(loaded.proof.arrives, table.proof.arrives)
     states = np.linspace(-3.9, 3.9, 301)[:, None]
     assert np.array_equal(loaded.certified_inputs(states, 0, 2), table.certified_inputs(states, 0, 2))

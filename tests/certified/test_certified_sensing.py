@@ -251,7 +251,10 @@ def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     """A car of two moves: what cannot be proved is looked at in ever smaller pieces."""
-    problem, path = replace(car(inputs=((0.5, -2.0), (1.0, 2.0))), sensing=ALL), tmp_path_factory.mktemp("s") / "car.h5"
+    problem, path = (
+        replace(car(inputs=((0.5, -2.0), (1.0, 2.0))), sensing=ALL),
+        tmp_path_factory.mktemp("s") / "car.npz",
+    )
     table = sdhj.solve(problem, sdhj.Certified(cells=(40, 40, 12), parts=4), progress=False)
     table.save(path)
     return table, path
@@ -259,7 +262,7 @@ def saved(tmp_path_factory):
 
 def failed(path, folder, **changed):
     """Claims of a file that are not proved where its robot senses otherwise, or more is claimed of predictions."""
-    path = shutil.copy(path, folder / "copy.h5")
+    path = shutil.copy(path, folder / "copy.npz")
     with forged(path, named=True) as (told, _):
         told["sensing"] |= changed.get("sensing", {})
         told["proof"] |= changed.get("proof", {})
@@ -321,9 +324,9 @@ def test_the_arm(agent, tmp_path):
         assert sdhj.monte_carlo(sdhj.Controller(sure), 2000, adversary, progress=False).counts["reached"] == 2000
     control = sdhj.monte_carlo(sdhj.Controller(plain), 2000, sensing=SHAKY, progress=False)
     assert control.counts["reached"] < 1950
-    sure.save(tmp_path / "arm.h5")
-    assert (verdict := verify(tmp_path / "arm.h5", samples=100, progress=False)).ok, str(verdict)
+    sure.save(tmp_path / "arm.npz")
+    assert (verdict := verify(tmp_path / "arm.npz", samples=100, progress=False)).ok, str(verdict)
     for more in ({"jitter": 0.01}, {"jitter": 0.004, "delay": 0.02}):
-        with forged(tmp_path / "arm.h5", named=True) as (told, _):
+        with forged(tmp_path / "arm.npz", named=True) as (told, _):
             told["sensing"] |= more
-        assert not verify(tmp_path / "arm.h5", samples=100, progress=False).ok
+        assert not verify(tmp_path / "arm.npz", samples=100, progress=False).ok

@@ -53,7 +53,7 @@ def test_steps_to_go_is_the_first_tube_that_holds_the_state(table, rng):
 
 def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_path):
     """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
-    table.save(tmp_path / "certified.h5")
+    table.save(tmp_path / "certified.npz")
     code = (
         "import sys, sdhj\nfrom sdhj.table import batches\nfrom sdhj.simulation import runs\n"
         "batches.threads = runs.threads = lambda: 2\n"
@@ -61,7 +61,7 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
         "print(sdhj.monte_carlo(controller, 3000, 'random', progress=False).counts['reached'])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "certified.h5")],
+        [sys.executable, "-c", code, str(tmp_path / "certified.npz")],
         env=os.environ | {"NUMBA_THREADING_LAYER": "workqueue", "NUMBA_NUM_THREADS": "2"},
         capture_output=True,
         text=True,
@@ -116,8 +116,8 @@ def test_sets_may_have_any_name(tmp_path, name):
     (part,) = problem.unsafe
     problem = dataclasses.replace(problem, unsafe=(dataclasses.replace(part, name=name),))
     made = sdhj.solve(problem, Certified(cells=[40]), progress=False)
-    made.save(tmp_path / "own.h5")
-    assert [one.name for one in sdhj.load(tmp_path / "own.h5").problem.unsafe] == [name]
+    made.save(tmp_path / "own.npz")
+    assert [one.name for one in sdhj.load(tmp_path / "own.npz").problem.unsafe] == [name]
 
 
 @pytest.mark.slow
@@ -166,8 +166,8 @@ def test_verify_from_the_command_line(table, tmp_path):
 
     from sdhj.cli import main
 
-    table.save(tmp_path / "certified.h5")
-    checked = CliRunner().invoke(main, ["verify", str(tmp_path / "certified.h5"), "--samples", "20"])
+    table.save(tmp_path / "certified.npz")
+    checked = CliRunner().invoke(main, ["verify", str(tmp_path / "certified.npz"), "--samples", "20"])
     assert checked.exit_code == 0 and "no fault in these" in checked.output and "NOT" not in checked.output
     of_all = [line for line in checked.output.splitlines() if line.endswith("proved")]
     assert all(

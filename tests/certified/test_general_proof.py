@@ -167,8 +167,8 @@ def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(r
             where = np.clip(where + 0.01 * rng.choice([-0.5, 0.0, 0.5], 500), -1.0, 1.0)
         first, last = (int(np.clip(cell + far[0, 0, 0, 2], 0, 19)) for far in (proof.low, proof.high))
         assert edges[first] <= where.min() and where.max() <= edges[last + 1]
-    table.save(tmp_path / "fenced.h5")
-    assert table.fraction() > table.fraction(within=0) > 0.0 and verify(tmp_path / "fenced.h5").ok
+    table.save(tmp_path / "fenced.npz")
+    assert table.fraction() > table.fraction(within=0) > 0.0 and verify(tmp_path / "fenced.npz").ok
 
 
 def test_images_and_tubes_count_in_cells(rng):
@@ -362,5 +362,5 @@ def test_cells_whose_sign_is_open_are_looked_at_in_pieces(tmp_path):
     table = certified(problem, cells=(8,))
     edges = table.axes[0].edges()
     assert table.bits(start=0, within=0).tolist() == (edges[1:] <= 1.0).tolist()
-    table.save(tmp_path / "half.h5")
-    assert (verdict := verify(tmp_path / "half.h5", progress=False)).ok, str(verdict)
+    table.save(tmp_path / "half.npz")
+    assert (verdict := verify(tmp_path / "half.npz", progress=False)).ok, str(verdict)

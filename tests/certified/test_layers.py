@@ -119,11 +119,11 @@ def test_no_state_past_a_wall_is_in_a_layer(standing):
 
 
 def test_a_file_keeps_layers(standing, tmp_path):
-    standing.save(tmp_path / "table.h5")
-    again = sdhj.load(tmp_path / "table.h5")
+    standing.save(tmp_path / "table.npz")
+    again = sdhj.load(tmp_path / "table.npz")
     assert [axis.layers for axis in again.axes] == [(0, 0), (1, 1)] and again.shape == standing.shape
     assert np.array_equal(again.index, standing.index) and np.array_equal(again.pool, standing.pool)
-    verdict = verify(tmp_path / "table.h5", progress=False)
+    verdict = verify(tmp_path / "table.npz", progress=False)
     assert verdict.ok, str(verdict)
 
 
@@ -230,10 +230,10 @@ def test_nobody_is_lost_who_stands_with_noise(noisy, tmp_path):
 
 
 def test_standing_with_noise_is_proved_again(noisy, tmp_path):
-    noisy.save(tmp_path / "table.h5")
-    again = sdhj.load(tmp_path / "table.h5")
+    noisy.save(tmp_path / "table.npz")
+    again = sdhj.load(tmp_path / "table.npz")
     assert [axis.layers for axis in again.axes] == [(0, 0), (1, 1)] and again.cells.wall_known
-    verdict = verify(tmp_path / "table.h5", progress=False)
+    verdict = verify(tmp_path / "table.npz", progress=False)
     assert verdict.ok, str(verdict)
 
 

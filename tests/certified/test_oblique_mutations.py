@@ -44,5 +44,5 @@ def test_the_checker_refuses_lines_that_are_drawn_without_it(name, monkeypatch, 
             monkeypatch.setattr(user, "GeneralProof", made["certified/general_proof.py"].GeneralProof, raising=False)
     problem, cells = (ROBOTS | OTHERS)[robot]
     table = sdhj.solve(problem(), sdhj.Certified(cells=FEW.get(robot, cells), parts=1), progress=False)
-    table.save(tmp_path / "false.h5")
-    assert any(claim in str(one) for one in verify(tmp_path / "false.h5", progress=False).claims if one.failed)
+    table.save(tmp_path / "false.npz")
+    assert any(claim in str(one) for one in verify(tmp_path / "false.npz", progress=False).claims if one.failed)

@@ -210,7 +210,7 @@ def without(monkeypatch):
 def test_the_checker_refuses_what_is_proved_without_it(name, without, tmp_path):
     change, robot, claim = FALSE[name]
     without(change)
-    path = save(robot, tmp_path / "false.h5")
+    path = save(robot, tmp_path / "false.npz")
     try:
         said = [str(one) for one in verify(path, progress=False).claims if one.failed]
     except ValueError as error:

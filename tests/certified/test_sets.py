@@ -53,11 +53,11 @@ def test_fractions_are_shares_of_volume(small, rng):
 
 
 def test_sets_survive_a_file(small, tmp_path, rng):
-    small.save(tmp_path / "sets.h5")
-    again = sdhj.load(tmp_path / "sets.h5")
+    small.save(tmp_path / "sets.npz")
+    again = sdhj.load(tmp_path / "sets.npz")
     assert isinstance(again, CertifiedTable) and again.axes == small.axes and dict(again.details) == dict(small.details)
     with pytest.raises(sdhj.TableFileError, match="another problem"):
-        sdhj.load(tmp_path / "sets.h5", problem=sdhj.arm_case_study(**(SMALL | {"v_d_max": 1.9})))
+        sdhj.load(tmp_path / "sets.npz", problem=sdhj.arm_case_study(**(SMALL | {"v_d_max": 1.9})))
     states = naive.states_in(small, rng, 300)
     for within in (1, 2):
         np.testing.assert_array_equal(again.bits(start=0, within=within), small.bits(start=0, within=within))

@@ -204,8 +204,8 @@ def test_who_ignores_time_proves_what_is_not_so(rng):
 
 def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
     _, table = proved
-    table.save(tmp_path / "timed.h5")
-    again = sdhj.load(tmp_path / "timed.h5")
+    table.save(tmp_path / "timed.npz")
+    again = sdhj.load(tmp_path / "timed.npz")
     assert again.problem.dynamics.depends_on_time and again.problem.digest == table.problem.digest
     states = naive.states_in(table, rng, 500)
     for within in (1, 3):

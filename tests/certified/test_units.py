@@ -174,9 +174,9 @@ def test_powers_of_two_make_no_difference(name, power, tmp_path):
     for part in ("low", "high", "clear"):
         assert np.array_equal(getattr(plain.proof, part), getattr(other.proof, part)), part
     assert 0.0 < plain.fraction(start=0) == other.fraction(start=0)
-    other.save(tmp_path / "other.h5")
+    other.save(tmp_path / "other.npz")
     given = other.problem if other.problem.opaque else None
-    assert (verdict := verify(tmp_path / "other.h5", given, progress=False)).ok, str(verdict)
+    assert (verdict := verify(tmp_path / "other.npz", given, progress=False)).ok, str(verdict)
 
 
 GRIDS = [name for name, (*_, grid) in ROBOTS.items() if grid]
@@ -212,9 +212,9 @@ def test_other_units_make_a_node_of_difference(name):
 def test_other_units_make_a_cell_of_difference(name, unit, tmp_path):
     """Sets are those of metres within a cell, and proved."""
     plain, other = solved(name, in_units(name, 1.0), "certified"), solved(name, in_units(name, unit, unit), "certified")
-    other.save(tmp_path / "other.h5")
+    other.save(tmp_path / "other.npz")
     given = other.problem if other.problem.opaque else None
-    assert (verdict := verify(tmp_path / "other.h5", given, progress=False)).ok, str(verdict)
+    assert (verdict := verify(tmp_path / "other.npz", given, progress=False)).ok, str(verdict)
     ends = sum(2.0 / count for count in plain.shape)  # a layer of cells at the ends of each axis
     assert abs(plain.fraction(start=0) - other.fraction(start=0)) <= ends * max(plain.fraction(start=0), 0.05)
 
@@ -302,8 +302,8 @@ def test_borders_may_coincide(half, tmp_path):
             4,
         )
         table = sdhj.solve(one, sdhj.Certified([32, 32]), progress=False, play=False)
-        table.save(tmp_path / "box.h5")
-        assert verify(tmp_path / "box.h5", progress=False).ok, name
+        table.save(tmp_path / "box.npz")
+        assert verify(tmp_path / "box.npz", progress=False).ok, name
         found.append(table)
     cells = int(half * 2 / 0.125)  # in the box; of those along its inner border the shell sticks out
     assert found[0].bits(start=0, within=0).sum() == (cells - 1) ** 2 > 0

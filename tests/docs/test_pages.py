@@ -82,7 +82,7 @@ def test_the_command_line_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.M
             words += ["--cells", "24,24,24"] if "certified" in words else ["--nodes", "9"]
         if words[0] != "warmup":
             assert main(words, standalone_mode=False) in (None, 0)
-    assert {"arm.h5", "car.h5", "car.svg", "robot"} <= {path.name for path in tmp_path.iterdir()}
+    assert {"arm.npz", "car.npz", "car.svg", "robot"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def commands() -> list[list[str]]:

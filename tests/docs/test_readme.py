@@ -70,7 +70,7 @@ def test_the_arm_prints_what_is_shown(
     shown = re.search(r"^```text\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
     assert shown is not None and shape_of(said) == shape_of(shown[1])
     assert said.splitlines()[:2] == shown[1].splitlines()[:2]
-    assert (tmp_path / "arm.h5").is_file()
+    assert (tmp_path / "arm.npz").is_file()
 
 
 @pytest.mark.slow

@@ -327,10 +327,10 @@ def test_the_arm_with_more_to_avoid_is_an_user_problem(tmp_path):
     """A file holds its functions, whatever its recipe is: it is never loaded as the case study."""
     problem = replace(folding_arm(7), steps=1)
     table = sdhj.solve(problem, progress=False)
-    table.save(tmp_path / "own.h5")
+    table.save(tmp_path / "own.npz")
     kept = replace(problem, recipe=sdhj.arm_case_study(nodes=7, steps=1).recipe)  # what `replace` leaves as it was
-    sdhj.solve(kept, progress=False).save(tmp_path / "kept.h5")
-    for file in ("own.h5", "kept.h5"):
+    sdhj.solve(kept, progress=False).save(tmp_path / "kept.npz")
+    for file in ("own.npz", "kept.npz"):
         again = sdhj.load(tmp_path / file)
         assert np.array_equal(again.tubes, table.tubes) and len(again.problem.unsafe) == 4
 

@@ -210,8 +210,8 @@ def test_what_a_solve_warns_of_is_kept_in_one_list(solves_are_played: None, tmp_
     assert [cause + remedy for cause, _, remedy in found] == [str(one.message) for one in told]
     assert "thread" in found[0][0] and found[0][1] == pytest.approx(0.008, rel=0.1) and "nodes" in found[0][2]
     assert {one.filename for one in told} == {__file__}  # the line that called solve
-    table.save(tmp_path / "t.h5")
-    assert sdhj.load(tmp_path / "t.h5").details["findings"] == found
+    table.save(tmp_path / "t.npz")
+    assert sdhj.load(tmp_path / "t.npz").details["findings"] == found
     assert "findings" not in sdhj.solve(interval_problem(steps=2), progress=False).details
 
 
@@ -225,9 +225,14 @@ def test_empty_projections_are_warned_of_before_the_recursion(monkeypatch: pytes
 def test_solved_and_loaded_tables_play_and_others_say_that_they_cannot(tmp_path):
     problem = interval_problem()
     table = sdhj.solve(problem, "lax", play=False, progress=False)
-    table.save(tmp_path / "table.h5")
+    table.save(tmp_path / "table.npz")
     stored = sdhj.solve(problem, "lax", store=tmp_path / "table", progress=False)
-    tables = sdhj.load(tmp_path / "table.h5"), stored, pickle.loads(pickle.dumps(stored)), sdhj.load(tmp_path / "table")
+    tables = (
+        sdhj.load(tmp_path / "table.npz"),
+        stored,
+        pickle.loads(pickle.dumps(stored)),
+        sdhj.load(tmp_path / "table"),
+    )
     tables += sdhj.resolve(table, problem, "lax"), pickle.loads(pickle.dumps(table)), replace(stored, details={})
     for other in tables:
         assert other.played(10) == table.played(10)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import h5py
 import numpy as np
 from tqdm import tqdm
 
@@ -28,6 +27,7 @@ from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.container import Contents
 from sdhj.table.files import read_array
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
@@ -198,18 +198,16 @@ class ArmProof(Proof):
         """The proof's part of a file's head, which `load` is handed again: {"parts": the parts of an interval}."""
         return {"parts": self.parts}
 
-    def save(self, file: h5py.File) -> None:
-        """Write `motion.allowed` to an open HDF5 file as the data set "allowed", bits in bytes, the lowest first.
-
-        All else is quickly computed again.
-        """
-        file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
+    @property
+    def arrays(self) -> dict[str, FloatArray]:
+        """The proof's array in a file: "allowed", bits in bytes, the lowest first; all else is soon computed again."""
+        return {"allowed": np.packbits(self.motion.allowed, bitorder="little")}
 
     @classmethod
     def load(
-        cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
+        cls, stated: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "ArmProof":
-        """The proof that `save` wrote to an open file.
+        """The proof whose array is in an open file.
 
         stated : what `ArmProof.entry_in_head` was. axes : the cells of each axis. ValueError where the parts, or the
         size or the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from

@@ -31,7 +31,7 @@ granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose
 `robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own, of which `balls`
 has a second opinion. Both are `Sets` of one reader (`reading`) that say their `claims`.
 
-From the command line: `python -m sdhj.certified.check table.h5`, or `sdhj verify table.h5`, with `--problem
+From the command line: `python -m sdhj.certified.check table.npz`, or `sdhj verify table.npz`, with `--problem
 module:function` where the robot has black boxes.
 """
 
@@ -58,7 +58,7 @@ def verify(
     progress: bool | None = None,
     exported: str | os.PathLike[str] | None = None,
 ) -> Verdict:
-    """Check the certified sets in an HDF5 file, by code and numbers that share nothing with the solver.
+    """Check the certified sets in a table's file, by code and numbers that share nothing with the solver.
 
     Parameters
     ----------

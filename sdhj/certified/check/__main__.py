@@ -1,4 +1,4 @@
-"""`python -m sdhj.certified.check table.h5`: the verdict on a file.
+"""`python -m sdhj.certified.check table.npz`: the verdict on a file.
 
 The exit status is 1 where a claim is not proved, and 2 where none can be read.
 """
@@ -8,7 +8,7 @@ import sys
 from sdhj.certified.check import verify
 
 if len(sys.argv) != 2:
-    sys.exit("usage: python -m sdhj.certified.check TABLE.h5")
+    sys.exit("usage: python -m sdhj.certified.check TABLE.npz")
 try:
     verdict = verify(sys.argv[1])
 except (OSError, ValueError, MemoryError) as error:

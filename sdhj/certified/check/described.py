@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import h5py
 import numpy as np
 
 from sdhj.certified.check import intervals
 from sdhj.certified.check.bits import Array
+from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
 from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, MOST_TABLES, array, expect, is_whole, real
 
@@ -226,7 +226,7 @@ class Functions:
         `black_box(name)`, or is None.
     """
 
-    def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+    def __init__(self, head: Mapping[str, Any], arrays: Arrays, problem: Any) -> None:
         """Read which functions are formulas and which are black boxes; ValueError where a name is both.
 
         Formulas are read when they are asked for.
@@ -251,8 +251,6 @@ class Functions:
         ValueError unless it has `axes` axes, or where all tables together have more than `MOST_TABLES` bytes.
         """
         if number not in self.tables:
-            group = self.arrays.get("tables", getlink=True)
-            expect(isinstance(group, h5py.HardLink), "tables must be in the file itself", group)
             left = MOST_TABLES - sum(each.nbytes for each in self.tables.values())
             self.tables[number] = array(self.arrays, f"tables/{number}", np.float64, *[None] * axes, most=left)
         found = self.tables[number]

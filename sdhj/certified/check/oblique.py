@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise, product
 from typing import Any
 
-import h5py
 import numpy as np
 
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.described import Times, Velocity
+from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import MOST_COUNTED, array, expect, is_whole, reals
 
 MOST_NORMALS = 64
@@ -82,7 +82,7 @@ class Lines:
         axis, over which rows are counted.
     """
 
-    def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+    def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: Arrays) -> None:
         """Read the lines; ValueError where they do not fit the robot's moves.
 
         robot : the `Robot`, whose moves `low` and `high` are read already. stated : the proof's part of the head.

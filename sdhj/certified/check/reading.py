@@ -1,9 +1,8 @@
 """What the file of a certified table says, every number of it checked: what follows believes them.
 
-The file begins with three lines: what it is, the SHA-256 of all that follows, and in JSON what it tells; behind them an
-HDF5 file begins, of arrays. Nothing reaches the HDF5 library before the digest is right, and no array is read that is
-not one of numbers, of the expected shape, inside the file, or before it is known that all of them fit into memory. The
-digest of the problem that the head names has to be that of what is read of it.
+`files` reads it: the digests are right before anything is believed. No array counts that is not one of numbers, of the
+expected shape, or before it is known that all of them fit into memory. The digest of the problem that the head names
+has to be that of what is read of it.
 """
 
 import hashlib
@@ -19,24 +18,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
+from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.intervals import Array
 
 FEW_DIGITS = 14  # of a decimal that is no rounded number, such as that of pi
 MOST_COUNTED = 1000  # parts, and levels of an input
 MOST_STEPS = 10**6
 LARGEST, SMALLEST = 1e120, 1e-120  # of a number in the head, and of one above 0: products are numbers, in any units
-MOST_TEXT = 1 << 24  # bytes that a file tells
 MOST_BYTES = 1 << 34  # of an array
-MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
 MOST_TABLES = 1 << 30  # bytes of all tables together
-MOST_CHUNK = 1 << 24  # numbers that are unpacked at once, or all of the array
 MOST_ON_AN_AXIS = 10**6  # cells
 TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # of the problem
-BEGINNING = b"sdhj look-up table, format 5\n"
-PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing that are undone
 
 
 def decimal(value: float) -> Fraction:
@@ -76,35 +70,35 @@ def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[f
 
 
 @contextmanager
-def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """A context with the head of a file, a dict, and its open arrays; the digests of file and problem are right.
+def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], Arrays]]:
+    """A context with the head of a file or folder, a dict, and its arrays; all digests, the problem's too, are right.
 
     ValueError if the bytes are not those that were written, or the head names another problem than it describes; and in
     place of any error that is raised inside the context. OSError without the file, MemoryError where its arrays do not
     fit.
     """
-    if not os.path.isfile(path) and os.path.exists(path):
+    if not os.path.isfile(path) and not os.path.isdir(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
-    with open(path, "rb") as stream:
-        first, second = stream.readline(100), stream.readline(100)
-        begin = stream.tell()
-        if first != BEGINNING or second != b"sha256 %s\n" % hashlib.file_digest(stream, "sha256").hexdigest().encode():
-            raise ValueError(f"{path} is damaged, or holds no certified sets in format 5; solve it anew")
-        stream.seek(begin)
-        try:
-            head = dict(json.loads(stream.readline(MOST_TEXT)))
-            with h5py.File(stream, "r") as arrays:
-                expect_room(sizes(arrays))
-                own, named = digest(head, arrays), head["digest"]
-                expect(named == own, f"its head must name the problem that it describes, {own}", named)
-                yield head, arrays
-        except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
-            raise ValueError(
-                f"{path}: its certified sets make no sense ({error}); the file is damaged, or another problem's"
-            ) from error
+    if not os.path.exists(path):
+        raise FileNotFoundError(f"no file {path}")
+    try:
+        arrays = Arrays(path)
+    except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
+        raise ValueError(
+            f"{path} is damaged, or holds no certified sets in format 6 ({error}); solve it anew"
+        ) from error
+    try:
+        expect_room(arrays.nbytes)
+        own, named = digest(arrays.head, arrays), arrays.head["digest"]
+        expect(named == own, f"its head must name the problem that it describes, {own}", named)
+        yield arrays.head, arrays
+    except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: its certified sets make no sense ({error}); the file is damaged, or another problem's"
+        ) from error
 
 
-def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
+def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
     """The SHA-256, in hexadecimal, of the problem: of what the head says of it, and of the arrays of its functions.
 
     It is that of a JSON text with the head's entries `TOLD`, in which the error of measurements has a number for each
@@ -115,21 +109,12 @@ def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
     if error is not None:
         each = error if isinstance(error, list) else [error] * len(said["grid"]["shape"])
         said["sensing"] = {**said["sensing"], "error": each}
-    for group in ("tables", "opaque"):
-        link = arrays.get(group, getlink=True)
-        expect(link is None or isinstance(link, h5py.HardLink), f"{group} must be in the file itself", link)
-        for name in arrays[group] if link else ():
-            values = array(arrays, f"{group}/{name}", np.float64, ..., most=MOST_TABLES)
+    for name in arrays.stated:
+        if name.startswith(("tables/", "opaque/")):
+            values = array(arrays, name, np.float64, ..., most=MOST_TABLES)
             own = hashlib.sha256(np.ascontiguousarray(values, "<f8").data.cast("B") if values.size else b"")
-            held[f"{group}/{name}"] = [list(values.shape), own.hexdigest()]
+            held[name] = [list(values.shape), own.hexdigest()]
     return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
-
-
-def sizes(arrays: h5py.File) -> int:
-    """The bytes that all arrays of a file take in memory, those of its groups included; none is read."""
-    found: list[int] = []
-    arrays.visititems(lambda name, one: found.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
-    return sum(found)
 
 
 def expect_room(needed: int) -> None:
@@ -168,27 +153,21 @@ def free_memory() -> Iterator[float]:
         yield math.inf if most == resource.RLIM_INFINITY else most - pages * resource.getpagesize()
 
 
-def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:
-    """Read an array of a dtype `kind` and a shape from a file; in the shape None is any length, a single ... any shape.
+def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:
+    """An array of a dtype `kind` and a shape in a file; in the shape None is any length, a single ... any shape.
 
-    It is looked at before it is read: ValueError if it is no array of this kind and shape, lies outside the file, is
-    packed more tightly than gzip does (`MOST_PACKED`), in another way (`PLAIN`), or has more than `most` bytes.
+    It is looked at before it is read: ValueError if it is no array of this kind and shape, or has more than `most`
+    bytes.
 
-    file : the open file. name : the array's path there.
+    file : the open file. name : of the array there.
     """
-    link = file.get(name, getlink=True)
-    expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
-    data = file[name]
-    expect(isinstance(data, h5py.Dataset) and data.dtype == kind, f"{name} must be an array of {np.dtype(kind)}", data)
-    plan = data.id.get_create_plist()
-    packed = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
-    fits = data.external is None and not data.is_virtual and packed <= PLAIN
-    fits = fits and data.nbytes <= min(most, MOST_PACKED * (data.id.get_storage_size() + 1000))
-    fits = fits and math.prod(data.chunks or ()) <= max(data.size, MOST_CHUNK)
-    same = len(data.shape) == len(shape) and all(map(lambda n, m: n in (None, m), shape, data.shape))
-    fits = fits and (same or shape == (...,))
-    expect(fits, f"{name} must be kept in the file, of shape {shape}", data.shape)
-    return data[()]
+    one = file.stated.get(name)
+    expect(one is not None and one.kind == np.dtype(kind).name, f"{name} must be an array of {np.dtype(kind)}", name)
+    found = file.shape(name)
+    same = len(found) == len(shape) and all(map(lambda n, m: n in (None, m), shape, found))
+    fits = (same or shape == (...,)) and file.stated[name].size <= most
+    expect(fits, f"{name} must be kept in the file, of shape {shape}", found)
+    return file.array(name)
 
 
 def fraction(text: Any) -> Fraction:
@@ -235,7 +214,7 @@ class Sets:
     index (entries, rows) : for each set and row the number of a block. pool (blocks, words) uint64 : the blocks.
     """
 
-    def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
+    def __init__(self, head: Mapping[str, Any], arrays: Arrays, ndim: int, rows: int, entries: int | None) -> None:
         """Read the cells of `ndim` axes and the sets on them; ValueError where an entry or an array does not fit.
 
         head : the head's entry for cells; without "layers" there are none. arrays : the open file.

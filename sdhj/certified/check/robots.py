@@ -25,7 +25,6 @@ from functools import cached_property, partial
 from itertools import pairwise, product
 from typing import Any
 
-import h5py
 import numpy as np
 from tqdm import tqdm
 
@@ -34,6 +33,7 @@ from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, pa
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.counts import Spans, boxes_inside, flags_at, led_into, spans_of, strides_of, sums, tubes_miss
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
+from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.formulas import Formula
 from sdhj.certified.check.lattice import Lattice, memory, pieces_of
 from sdhj.certified.check.oblique import Lines
@@ -49,7 +49,6 @@ from sdhj.certified.check.reading import (
     is_whole,
     real,
     reals,
-    sizes,
 )
 from sdhj.certified.check.windows import AtOnce, worth_while
 
@@ -147,7 +146,7 @@ class Robot(Sets):
     trusted : the names of functions of which the check believes what their author states.
     """
 
-    def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+    def __init__(self, head: Mapping[str, Any], arrays: Arrays, problem: Any) -> None:
         """Read the problem of a file, its cells, its proof and its sets; ValueError where a part does not fit.
 
         head, arrays : of the file. problem : has the black boxes (`black_box(name)`), or is None.
@@ -186,7 +185,7 @@ class Robot(Sets):
         self.at_once = AtOnce(self) if many else None
 
     @staticmethod
-    def bytes_needed(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
+    def bytes_needed(head: Mapping[str, Any], arrays: Arrays, samples: int | None) -> int:
         """About the bytes of memory that a check takes, by the sizes of cells, places, parts and arrays: an estimate.
 
         What is measured is less than half as much again. The file is not checked here: LookupError or TypeError where
@@ -202,30 +201,30 @@ class Robot(Sets):
         ndim, cells = len(counts), math.prod(counts)
         places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
         chosen = cells if samples is None else min(samples, cells)
-        looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
-        inputs, boxes = arrays["low"].shape[1], min(places, chosen)
+        looks = arrays.shape("clear")[0] if arrays.shape("low")[0] == 1 else 1  # steps that are looked at together
+        inputs, boxes = arrays.shape("low")[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
         swept = several * (16 * ndim * (parts + 1) + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 5)
-        swept += 4 * arrays["arrives"].shape[1] if head["proof"].get("arrives") else 0
+        swept += 4 * arrays.shape("arrives")[1] if head["proof"].get("arrives") else 0
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
         unsafe = [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]
         if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
             # of each input what is packed of cells, and of some boxes; of sets, too
             alike = places == 1 and "normals" not in head["proof"]
             of_a_set = cells * (6 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
-            return sizes(arrays) + max(cells * 2 + chosen * 10 + cells // 4 * inputs, of_a_set) + swept
+            return arrays.nbytes + max(cells * 2 + chosen * 10 + cells // 4 * inputs, of_a_set) + swept
         swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
             axes = [axis for axis in range(ndim) if axis in one["axes"]]
             laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
-            times = len(arrays["clear"]) * (parts + 1) if moving else 1
+            times = arrays.shape("clear")[0] * (parts + 1) if moving else 1
             lattices += memory([counts[axis] for axis in axes], laps, times, parts if moving else 1)
         lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
-        return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
+        return arrays.nbytes + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
-    def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
+    def read_proof(self, stated: Mapping[str, Any], arrays: Arrays, endless: bool) -> None:
         """Read what the proof says of the cells: the axes of a place, moves, lines, clear inputs, arrivals, and E.
 
         Into the attributes of the class, by `__init__`, after cells and sets. ValueError where an array does not fit
@@ -260,7 +259,7 @@ class Robot(Sets):
         # check 7.14
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
-    def read_arrivals(self, stated: Mapping[str, Any], arrays: h5py.File) -> tuple[Array, Array]:
+    def read_arrivals(self, stated: Mapping[str, Any], arrays: Arrays) -> tuple[Array, Array]:
         """The strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes) uint8.
 
         A site is the part of a cell on the axes that moves or target depend on, numbered sum(cell * strides); input j

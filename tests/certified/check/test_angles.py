@@ -100,5 +100,5 @@ def test_however_angles_are_written_as_much_is_certified(tmp_path):
     shares = [table.fraction(start=0) for table in tables]
     assert shares == pytest.approx([shares[-1]] * 3, abs=0.01) and shares[-1] > 0.5
     for table in tables[:2]:
-        table.save(tmp_path / "angles.h5")
-        assert verify(tmp_path / "angles.h5", progress=False).ok
+        table.save(tmp_path / "angles.npz")
+        assert verify(tmp_path / "angles.npz", progress=False).ok

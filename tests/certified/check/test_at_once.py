@@ -135,7 +135,7 @@ def robots(tmp_path_factory):
     def robot(name):
         if name not in made:
             problem, cells = (CASES | OTHERS)[name]
-            path = tmp_path_factory.mktemp("windows") / "it.h5"
+            path = tmp_path_factory.mktemp("windows") / "it.npz"
             sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=2), play=False, progress=False).save(path)
             made[name] = path
         return made[name]
@@ -175,8 +175,8 @@ def test_a_tube_that_leads_exactly_to_an_end_is_clear(tmp_path, monkeypatch):
     dynamics = sdhj.Dynamics([[1.0], [-1.0]], [[1.0], [-1.0]], [[1.0]], [0.0])
     target = sdhj.TargetSet((0,), lambda p, t: p[:, 0] - 1.0)
     problem = sdhj.ReachAvoidProblem(sdhj.Grid([0.0], [4.0], [17]), dynamics, target, (), 0.5, 2)
-    sdhj.solve(problem, sdhj.Certified(cells=(16,)), play=False, progress=False).save(tmp_path / "it.h5")
-    robot = reads(tmp_path / "it.h5", monkeypatch)
+    sdhj.solve(problem, sdhj.Certified(cells=(16,)), play=False, progress=False).save(tmp_path / "it.npz")
+    robot = reads(tmp_path / "it.npz", monkeypatch)
     robot.at_once.look_at(0)
     for j, clear in enumerate([np.arange(14), np.arange(2, 16)]):
         assert numbers_of(flags_of(robot.clear[0], j, (16,)), 16).tolist() == clear.tolist()
@@ -221,7 +221,7 @@ def overstated(path, to):
 
 @pytest.mark.parametrize("name", CASES)
 def test_it_proves_as_much_as_one_by_one_and_refuses_as_much(name, robots, tmp_path, monkeypatch):
-    paths = robots(name), overstated(robots(name), tmp_path / "forged.h5")
+    paths = robots(name), overstated(robots(name), tmp_path / "forged.npz")
     one_by_one = [str(verify(path, progress=False)) for path in paths]
     monkeypatch.setattr(windows, "LEAST_CELLS", 1)
     assert one_by_one == [str(verify(path, progress=False)) for path in paths]
@@ -251,7 +251,7 @@ MUTATIONS = {  # a change of what is marked `# check`, and the case that is then
 def test_the_check_needs_it(name, robots, tmp_path, monkeypatch):
     """Without it a file that states too much is judged otherwise."""
     change, case = MUTATIONS[name]
-    path = overstated(robots(case), tmp_path / "forged.h5")
+    path = overstated(robots(case), tmp_path / "forged.npz")
     monkeypatch.setattr(windows, "LEAST_CELLS", 1)
     right = str(verify(path, progress=False))
     with mutations.checker(tmp_path, change) as check:

@@ -49,7 +49,7 @@ def test_every_operation_has_a_second_opinion(op, monkeypatch, rng):
 @pytest.mark.slow
 def test_a_root_that_is_off_is_found(monkeypatch, tmp_path):
     """By a share of 1e-9, as a library might be that was written for games."""
-    path = save("windy", tmp_path / "table.h5")
+    path = save("windy", tmp_path / "table.npz")
     said = {claim.name: claim for claim in verify(path, samples=50, progress=False).claims}
     assert said[SECOND].checked > 1000 and not said[SECOND].failed
     count, rule = intervals.RULES["hypot"]
@@ -59,7 +59,7 @@ def test_a_root_that_is_off_is_found(monkeypatch, tmp_path):
 
 
 def test_without_it_or_for_all_cells_nothing_is_compared(monkeypatch, tmp_path):
-    path = save("line", tmp_path / "table.h5")
+    path = save("line", tmp_path / "table.npz")
     assert SECOND not in [claim.name for claim in verify(path, progress=False).claims]
     monkeypatch.setattr(balls, "INSTALLED", False)
     assert SECOND not in [claim.name for claim in verify(path, samples=5, progress=False).claims]

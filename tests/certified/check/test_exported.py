@@ -73,10 +73,10 @@ def signed(data):
 
 def failed(table, data, folder):
     """The claims of an exported table that are not proved of its table."""
-    table.save(folder / "table.h5")
+    table.save(folder / "table.npz")
     (folder / "sdhj_table.bin").write_bytes(data)
     words = Words(folder / "sdhj_table.bin")
-    with head_and_arrays(folder / "table.h5") as (head, arrays):
+    with head_and_arrays(folder / "table.npz") as (head, arrays):
         arm = table.proof.kind == "arm"
         sets, plain = (Arm(head, arrays), None) if arm else (Robot(head, arrays, None), Argument(head, arrays))
         found = {claim.name for claim in claims(words, sets, head, True) if claim.failed}
@@ -86,11 +86,11 @@ def failed(table, data, folder):
 
 
 def test_the_verdict_has_the_claims_of_both(tmp_path):
-    robot().save(tmp_path / "table.h5")
+    robot().save(tmp_path / "table.npz")
     for forged_one in (False, True):
         data = forged(robot(), "safe", FORGERIES["safe"]) if forged_one else exported_of(robot())
         (tmp_path / "sdhj_table.bin").write_bytes(data)
-        verdict = verify(tmp_path / "table.h5", exported=tmp_path / "sdhj_table.bin", progress=False)
+        verdict = verify(tmp_path / "table.npz", exported=tmp_path / "sdhj_table.bin", progress=False)
         assert verdict.ok != forged_one and "exported: filter" in str(verdict) and "one step nearer" in str(verdict)
 
 

@@ -5,15 +5,16 @@ import shutil
 import time
 from functools import cache
 
-import h5py
 import numpy as np
 import pytest
 from forging import FORGERIES, forged, replaced, spoiled
 from naive_certified import SMALL
 
 import sdhj
+from sdhj.certified.check import reading
 from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.reading import head_and_arrays
+from sdhj.table import files
 
 LONGEST = 10.0  # seconds that an answer may take
 
@@ -36,14 +37,14 @@ def small_problem():
 
 @pytest.fixture(scope="module")
 def saved(small, tmp_path_factory):
-    path = tmp_path_factory.mktemp("tables") / "small.h5"
+    path = tmp_path_factory.mktemp("tables") / "small.npz"
     small.save(path)
     return path
 
 
 @pytest.fixture
 def path(saved, tmp_path):
-    return shutil.copy(saved, tmp_path / "forged.h5")
+    return shutil.copy(saved, tmp_path / "forged.npz")
 
 
 def refused(path, reader, match=None):
@@ -60,14 +61,15 @@ def test_what_is_whole_is_read(path, reader):
 
 @pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("reader", READERS)
-def test_all_damage_is_found_before_the_library_sees_it(path, reader, rng, count, monkeypatch):
-    def no_library(*arguments, **options):
-        raise AssertionError("the HDF5 library saw damaged bytes")
+def test_all_damage_is_found_before_the_head_is_believed(path, reader, rng, count, monkeypatch):
+    def not_yet(*arguments, **options):
+        raise AssertionError("damaged bytes were believed")
 
     for damaged in spoiled(path.read_bytes(), rng, count):
         path.write_bytes(damaged)
         with monkeypatch.context() as patch:
-            patch.setattr(h5py, "File", no_library)
+            patch.setattr(files, "checked_head", not_yet)
+            patch.setattr(reading, "digest", not_yet)
             refused(path, reader)
 
 

@@ -27,7 +27,7 @@ def files(tmp_path_factory):
 
     def read(name):
         if name not in made:
-            made[name] = save(name, folder / f"{name}.h5").read_bytes()
+            made[name] = save(name, folder / f"{name}.npz").read_bytes()
         return made[name]
 
     return read
@@ -54,8 +54,8 @@ def proves(check, path, name):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_is_true_is_proved(name, files, tmp_path):
-    (tmp_path / "true.h5").write_bytes(files(name))
-    assert proves(verify, tmp_path / "true.h5", name)
+    (tmp_path / "true.npz").write_bytes(files(name))
+    assert proves(verify, tmp_path / "true.npz", name)
 
 
 @pytest.mark.parametrize("name", ["line", "tide"])
@@ -68,16 +68,16 @@ def test_pieces_in_which_nothing_is_bounded_leave_open_what_shorter_ones_prove(n
             raise Unbounded("nothing was found")
         return piece(self, box, moved, j, times, far, closer)
 
-    (tmp_path / "true.h5").write_bytes(files(name))
+    (tmp_path / "true.npz").write_bytes(files(name))
     monkeypatch.setattr(Robot, "piece", fail)
-    assert proves(verify, tmp_path / "true.h5", name) and set(asked) == {False, True}
+    assert proves(verify, tmp_path / "true.npz", name) and set(asked) == {False, True}
     forgery = next(one for one in FORGERIES.values() if one.robot == name)
     assert any(
-        forgery.said in said for said in refusals(verify, forgery.write(files(name), tmp_path / "f.h5"), forgery)
+        forgery.said in said for said in refusals(verify, forgery.write(files(name), tmp_path / "f.npz"), forgery)
     )
     monkeypatch.setattr(Robot, "driven", fail_always)
     with pytest.raises(ValueError, match="nothing was found"):
-        verify(tmp_path / "true.h5", progress=False)
+        verify(tmp_path / "true.npz", progress=False)
 
 
 def fail_always(*_):
@@ -90,7 +90,7 @@ LONG = ["a wall that holds", "the tide of another hour", "gusts that grow", "gus
 @pytest.mark.parametrize("name", but_slow(FORGERIES, *LONG))
 def test_what_is_false_is_refused_with_its_sentence(name, files, tmp_path):
     forgery = FORGERIES[name]
-    path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
     assert any(forgery.said in said for said in refusals(verify, path, forgery))
 
 
@@ -98,7 +98,7 @@ def test_what_is_false_is_refused_with_its_sentence(name, files, tmp_path):
 def test_what_is_false_is_refused_where_all_cells_are_looked_at_at_once(name, files, tmp_path, monkeypatch):
     monkeypatch.setattr(windows, "LEAST_CELLS", 1)
     forgery = FORGERIES[name]
-    path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
     assert any(forgery.said in said for said in refusals(verify, path, forgery))
 
 
@@ -108,8 +108,8 @@ def test_an_arm_among_obstacles_is_proved_as_any_robot(tmp_path):
     arm = sdhj.arm_case_study(**(SMALL | {"obstacles": [STILL, LINE, CIRCLE]}))
     wall = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.3, name="wall")
     problem = dataclasses.replace(arm, unsafe=(*arm.unsafe, wall))
-    sdhj.solve(problem, sdhj.Certified(cells=(24, 24, 10, 10), parts=4), progress=False).save(tmp_path / "arm.h5")
-    assert (verdict := verify(tmp_path / "arm.h5", samples=300, progress=False)).ok, str(verdict)
+    sdhj.solve(problem, sdhj.Certified(cells=(24, 24, 10, 10), parts=4), progress=False).save(tmp_path / "arm.npz")
+    assert (verdict := verify(tmp_path / "arm.npz", samples=300, progress=False)).ok, str(verdict)
 
 
 # ---- mutations
@@ -314,11 +314,11 @@ def test_the_check_needs_it(name, files, tmp_path):
     change, needs = MUTATIONS[name]
     with mutations.checker(tmp_path, change) as check:
         if needs in ROBOTS:
-            (tmp_path / "true.h5").write_bytes(files(needs))
-            assert not proves(check, tmp_path / "true.h5", needs)
+            (tmp_path / "true.npz").write_bytes(files(needs))
+            assert not proves(check, tmp_path / "true.npz", needs)
             return
         forgery = FORGERIES[needs]
-        path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+        path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
         try:
             said = refusals(check, path, forgery)
         except Exception:  # a test notices that as well
@@ -332,11 +332,11 @@ def test_the_check_needs_what_is_marked_and_not_listed(change, files, tmp_path):
     """Of what is marked `# check 4` alone every change is noticed by a robot or a forgery."""
     with mutations.checker(tmp_path, change) as check:
         for name in ROBOTS:
-            (tmp_path / "true.h5").write_bytes(files(name))
-            if not proves(check, tmp_path / "true.h5", name):
+            (tmp_path / "true.npz").write_bytes(files(name))
+            if not proves(check, tmp_path / "true.npz", name):
                 return
         for forgery in FORGERIES.values():
-            path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+            path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
             if not any(forgery.said in said for said in refusals(check, path, forgery)):
                 return
     pytest.fail("nothing notices it")

@@ -53,7 +53,7 @@ def test_a_check_takes_what_it_states(robot, tmp_path):
         delta,
         2,
     )
-    path = tmp_path / "it.h5"
+    path = tmp_path / "it.npz"
     sdhj.solve(problem, sdhj.Certified(cells=cells), play=False, progress=False).save(path)
     done = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True)
     assert not done.returncode, done.stderr

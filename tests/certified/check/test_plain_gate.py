@@ -32,8 +32,8 @@ def files(tmp_path_factory):
         if name not in made:
             problem, cells, parts = ROBOTS[name] if name in ROBOTS else OTHERS[name]
             table = sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=parts), progress=False, play=False)
-            table.save(folder / "table.h5")
-            made[name] = (folder / "table.h5").read_bytes()
+            table.save(folder / "table.npz")
+            made[name] = (folder / "table.npz").read_bytes()
         return made[name]
 
     return read
@@ -56,14 +56,14 @@ def box_beside(name):
 @pytest.mark.parametrize("every", [True, False])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_is_true_is_proved(name, every, files, tmp_path):
-    (tmp_path / "true.h5").write_bytes(files(name))
-    assert refusals(tmp_path / "true.h5", box_beside(name), every) == []
+    (tmp_path / "true.npz").write_bytes(files(name))
+    assert refusals(tmp_path / "true.npz", box_beside(name), every) == []
 
 
 @pytest.mark.parametrize("name", FORGERIES)
 def test_a_forgery_is_refused_by_both(name, files, tmp_path):
     forgery = FORGERIES[name]
-    path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
     said = refusals(path, forgery.beside and forgery.beside())
     assert any(SAYS.get(name, forgery.said) in one for one in said), said
 
@@ -209,7 +209,7 @@ NEW = {
 @pytest.mark.parametrize("name", NEW)
 def test_a_new_forgery_is_refused(name, files, tmp_path):
     forgery = NEW[name]
-    path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
     for every in (True, False):
         said = refusals(path, every=every)
         assert said or (every is False and forgery.said in (ARRIVE, CLEAR, MOVES)), said
@@ -218,8 +218,8 @@ def test_a_new_forgery_is_refused(name, files, tmp_path):
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_what_is_true_of_others_is_proved(name, files, tmp_path):
-    (tmp_path / "true.h5").write_bytes(files(name))
-    assert refusals(tmp_path / "true.h5") == []
+    (tmp_path / "true.npz").write_bytes(files(name))
+    assert refusals(tmp_path / "true.npz") == []
 
 
 # ---- what is not in a file
@@ -228,8 +228,8 @@ def test_what_is_true_of_others_is_proved(name, files, tmp_path):
 @pytest.mark.parametrize("name", ["growing slowly", "bent", "standing"])
 def test_what_begins_late_moves_as_far(name, files, tmp_path, monkeypatch):
     """The length of a piece is handed over: of times of a day, or a year, it could not be told."""
-    (tmp_path / "true.h5").write_bytes(files(name))
-    with head_and_arrays(tmp_path / "true.h5") as (told, arrays):
+    (tmp_path / "true.npz").write_bytes(files(name))
+    with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
         argument = Argument(told, arrays)
     places = np.arange(argument.low.shape[2])
     soon = argument.driven(places, 0, 0, 8, True)[1]
@@ -239,8 +239,8 @@ def test_what_begins_late_moves_as_far(name, files, tmp_path, monkeypatch):
 
 
 def test_what_is_not_promised_is_counted(files, tmp_path):
-    (tmp_path / "true.h5").write_bytes(files("plane"))
-    with head_and_arrays(tmp_path / "true.h5") as (told, arrays):
+    (tmp_path / "true.npz").write_bytes(files("plane"))
+    with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
         argument = Argument(told, arrays)
     made = {every: {claim.name: claim for claim in argument.claims(every)} for every in (True, False)}
     some, all_of_it = made[False][CLEAR], made[True][CLEAR]
@@ -253,8 +253,8 @@ def test_what_is_not_promised_is_counted(files, tmp_path):
 
 
 def test_the_problem_is_printed_as_it_was_read(files, tmp_path):
-    (tmp_path / "true.h5").write_bytes(files("plane"))
-    with head_and_arrays(tmp_path / "true.h5") as (told, arrays):
+    (tmp_path / "true.npz").write_bytes(files("plane"))
+    with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
         text = str(Argument(told, arrays).problem)
     for line in (
         "x1 from -2 to 2, ends: unsafe, unsafe",

@@ -51,8 +51,8 @@ def test_rows_are_written(tmp_path) -> None:
 @pytest.mark.slow
 def test_campaign_from_the_command_line(tmp_path) -> None:
     problem = sdhj.arm_case_study(nodes=9, steps=2)
-    sdhj.solve(problem, sdhj.Certified(cells=(63, 63, 18, 18)), progress=False).save(tmp_path / "proved.h5")
-    arguments = [str(tmp_path / "proved.h5"), "--runs", "600", "--adversaries", "random,search"]
+    sdhj.solve(problem, sdhj.Certified(cells=(63, 63, 18, 18)), progress=False).save(tmp_path / "proved.npz")
+    arguments = [str(tmp_path / "proved.npz"), "--runs", "600", "--adversaries", "random,search"]
     done = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     rows = list(csv.DictReader((tmp_path / "out" / "campaign.csv").open()))

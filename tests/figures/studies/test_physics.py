@@ -144,19 +144,19 @@ def test_pictures_and_the_command_line(tmp_path) -> None:
         red, green, blue = (image[..., c].astype(int) for c in range(3))
         assert (red > green + 60).sum() > 100 and (blue > red + 60).sum() > 50  # obstacles and arm
     assert (pictures[0][1] != pictures[2][1]).mean() > 0.01
-    certified_table().save(tmp_path / "proved.h5")
-    arguments = [str(tmp_path / "proved.h5"), "--runs", "5", "-o", str(tmp_path / "strip.png")]
+    certified_table().save(tmp_path / "proved.npz")
+    arguments = [str(tmp_path / "proved.npz"), "--runs", "5", "-o", str(tmp_path / "strip.png")]
     done = CliRunner().invoke(physics.main, arguments)
     assert done.exit_code == 0, done.output
     assert "contacts in MuJoCo: 0 runs" in done.output and (tmp_path / "strip.png").stat().st_size > 20_000
 
 
 def test_without_mujoco_one_line_says_what_to_install() -> None:
-    code = "import sys; sys.modules['mujoco'] = None; from physics import main; main(['any.h5'])"
+    code = "import sys; sys.modules['mujoco'] = None; from physics import main; main(['any.npz'])"
     done = subprocess.run([sys.executable, "-c", code], cwd=FIGURES, capture_output=True, text=True)
     assert done.returncode == 2 and "sdhj[physics]" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_pictures_of_a_run_are_png_files(tmp_path) -> None:
-    done = CliRunner().invoke(physics.main, [str(tmp_path / "missing.h5"), "-o", str(tmp_path / "x.txt")])
+    done = CliRunner().invoke(physics.main, [str(tmp_path / "missing.npz"), "-o", str(tmp_path / "x.txt")])
     assert done.exit_code == 2 and "x.txt must end in .png," in done.output

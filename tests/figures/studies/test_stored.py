@@ -63,7 +63,7 @@ def test_three_ways_solve_and_leave_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(stored, "timed", timed)
     bare, saved, kept, size = stored.three_ways(sdhj.arm_case_study(9), "lax")
     assert (bare, saved, kept) == (1.0, 5.0, 3.0) and size > 10_000 and not list(tmp_path.iterdir())
-    assert [sorted(names) for names in written] == [[], ["table"], ["table", "table.h5"]]
+    assert [sorted(names) for names in written] == [[], ["table"], ["table", "table.npz"]]
 
 
 def test_a_folder_counts_its_files(tmp_path):

@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from typing import Any
 
-import h5py
 import numba
 import numpy as np
 from tqdm import tqdm
@@ -20,6 +19,7 @@ from sdhj.certified.check.arm.rows import Stored, check_rows
 from sdhj.certified.check.arm.separation import DIRECTIONS, World
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
+from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
     Sensing,
@@ -30,7 +30,6 @@ from sdhj.certified.check.reading import (
     is_whole,
     real,
     reals,
-    sizes,
 )
 
 AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
@@ -176,7 +175,7 @@ class Arm(Sets):
     pairs : (entries, 2), the start and within of each entry of the index.
     """
 
-    def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
+    def __init__(self, head: Mapping[str, Any], arrays: Arrays) -> None:
         """Read an arm's file; ValueError where head or arrays do not fit the recipe."""
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
         expect_recipe(head, arrays, self.scene)
@@ -199,9 +198,9 @@ class Arm(Sets):
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
 
     @staticmethod
-    def bytes_needed(arrays: h5py.File) -> int:
+    def bytes_needed(arrays: Arrays) -> int:
         """The bytes that a check takes: three copies of the sets, and for each packed flag a byte."""
-        return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
+        return 3 * arrays.nbytes + 8 * arrays.stated["allowed"].size
 
     def faults_of_cells(self) -> list[str]:
         """The faults of the cells, a text each; [] if they cover every axis, those of a joint a turn, 2 pi."""

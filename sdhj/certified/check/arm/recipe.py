@@ -7,18 +7,18 @@ here: the digest of a file is of what its head describes, and the proof of what 
 from collections.abc import Mapping
 from typing import Any
 
-import h5py
 import numpy as np
 
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.described import Functions, Grid, Velocity
+from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import expect
 
 CLOSE = 1e-9  # m, rad, m/s: more than rounding makes of numbers up to 100 (`refuse_large`)
 STATES = 300
 
 
-def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> None:
+def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
     """Raise ValueError unless what the head describes is the arm of the recipe that `scene`, a `Scene`, was made of.
 
     arrays : the open file.
