@@ -140,7 +140,7 @@ CASES = {
         lambda to: Controller(table(), rule=lambda c: np.nan_to_num(odd(c))).select([2.0]),
     ),
     "a table that is a folder": (
-        "is a folder; name a file",
+        "is a folder without problem.json",
         lambda to: sdhj.load(to),
         lambda to: (table().save(to / "table.npz"), sdhj.load(to / "table.npz")),
     ),

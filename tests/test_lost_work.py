@@ -1,6 +1,5 @@
 """What could lose work or leave litter: kills, Ctrl-C, full disks, names that cannot be written."""
 
-import builtins
 import dataclasses
 import fcntl
 import json
@@ -243,7 +242,7 @@ def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch)
     def denied(*arguments, **options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(builtins, "open", denied)
+    monkeypatch.setattr(os, "open", denied)
     with pytest.raises(PermissionError, match=r"cannot read .*a\.npz: Permission denied"):
         sdhj.load(path)
 

@@ -44,7 +44,7 @@ class Lookup:
 
         ValueError where shapes do not fit, an axis has a single node, a number is not finite, a spacing is not above 0,
         or the values take more than `MOST_TABLES` bytes. As maps are large, values are shared where that is safe: those
-        of a Lookup, and a read-only array that owns its memory (`_sealed`); all else is copied.
+        of a Lookup, and a read-only array that owns its memory, or a file's (`_sealed`); all else is copied.
         """
         known = values if isinstance(values, Lookup) else None
         if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
@@ -72,9 +72,13 @@ class Lookup:
 
 
 def _sealed(values: Any) -> bool:
-    """Whether values can be kept without a copy: a read-only, C-contiguous float64 array that owns its memory."""
+    """Whether values can be kept without a copy: read-only, C-contiguous float64, that own memory or map a file's."""
     fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
-    return fits and values.flags.owndata and not values.flags.writeable
+    held = values
+    while isinstance(held, np.ndarray) and held.base is not None:
+        held = held.base
+    mapped = isinstance(held, memoryview) and held.readonly
+    return fits and (values.flags.owndata or mapped) and not values.flags.writeable
 
 
 class Node:

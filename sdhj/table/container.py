@@ -74,9 +74,14 @@ class Stated(NamedTuple):
         return found
 
     @property
+    def nbytes(self) -> int:
+        """The bytes of the numbers."""
+        return np.dtype(self.kind).itemsize * math.prod(self.shape)
+
+    @property
     def size(self) -> int:
         """The bytes of the .npy file."""
-        return HEADER + np.dtype(self.kind).itemsize * math.prod(self.shape)
+        return HEADER + self.nbytes
 
     @property
     def entry(self) -> dict[str, Any]:

@@ -221,8 +221,8 @@ def read_array(file: Contents, name: str, kinds: str, shape: Lengths | None, mos
         raise ValueError(f"it contains no array {name}")
     if not (shape is None or fits(one.shape, shape)) or one.kind not in kinds.split():
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {one.kind} of {one.shape}")
-    if most is not None and one.size > most:
-        raise ValueError(f"its array {name} has {one.size:,} bytes, and at most {most:,} are read")
+    if most is not None and one.nbytes > most:
+        raise ValueError(f"its array {name} has {one.nbytes:,} bytes, and at most {most:,} are read")
     return file.array(name)
 
 

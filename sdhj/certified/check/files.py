@@ -36,6 +36,10 @@ BY = 1 << 24  # bytes that are read at a time
 ALL = 0xFFFFFFFF  # in a zip: the number is in the extra field
 
 
+class Damaged(ValueError):
+    """Bytes are not those that were written."""
+
+
 class Stated:
     """What the head states of an array: dtype, shape, SHA-256, and of a packed one size and SHA-256 as it is packed."""
 
@@ -67,9 +71,9 @@ class Arrays:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read a file or folder and compare all of its bytes; ValueError where one is not what was written.
+        """Read a file or folder and compare all of its bytes; `Damaged` where one is not what was written.
 
-        Other errors of Python where the head is no head; OSError where something cannot be read.
+        ValueError and others where the head is no head; OSError where something cannot be read.
         """
         folder = os.path.isdir(path)
         image = mapped(os.path.join(path, "problem.json") if folder else os.path.realpath(path))
@@ -122,20 +126,20 @@ class Arrays:
 
 
 def expect_same(found: Any, written: Any, what: str) -> None:
-    """Raise ValueError unless two values are the same; the text names what they are of."""
+    """Raise `Damaged` unless two values are the same; the text names what they are of."""
     if found != written:
-        raise ValueError(f"{what} is not what was written")
+        raise Damaged(f"{what} is not what was written")
 
 
 def mapped(path: str) -> memoryview:
-    """The bytes of a file, mapped; ValueError where it is a link or no file, OSError where it cannot be opened."""
-    if os.path.islink(path):
-        raise ValueError(f"{path} must be a file, not a link")
+    """The bytes of a file, mapped; `Damaged` where it is missing or a link, OSError where it cannot be read."""
+    if os.path.islink(path) or not os.path.exists(path):
+        raise Damaged(f"{path} must be a file")
     stream = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     try:
         about = os.fstat(stream)
         if not stat.S_ISREG(about.st_mode):
-            raise ValueError(f"{path} is no file")
+            raise Damaged(f"{path} must be a file")
         return memoryview(mmap.mmap(stream, 0, access=mmap.ACCESS_READ) if about.st_size else b"")
     finally:
         os.close(stream)
@@ -164,14 +168,14 @@ def listed(name: bytes, crc: int, size: int, packed: int, method: int, at: int) 
 
 
 def first_of_zip(image: memoryview) -> tuple[int, int]:
-    """Where the head begins in a zip, and what size is stated; ValueError where it is no zip that begins with one."""
+    """Where the head begins in a zip, and what size is stated; `Damaged` where it is no zip that begins with one."""
     begin = len(before(b"problem.json", 0, 0, 0, 0, 0))
     expect_same(bytes(image[:4]) + bytes(image[30:42]), b"PK\3\4problem.json", "its beginning")
     return begin, int.from_bytes(image[46:54], "little")
 
 
 def parts_of_zip(image: memoryview, text: bytes, stated: list[Stated]) -> Iterator[memoryview]:
-    """Yield the bytes of each array, as they lie; ValueError where a byte around them is not what was written.
+    """Yield the bytes of each array, as they lie; `Damaged` where a byte around them is not what was written.
 
     text : the head's. stated : of the arrays, in the order of their names.
     """

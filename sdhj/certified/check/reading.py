@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.certified.check.files import Arrays
+from sdhj.certified.check.files import BEFORE, Arrays, Damaged
 from sdhj.certified.check.intervals import Array
 
 FEW_DIGITS = 14  # of a decimal that is no rounded number, such as that of pi
@@ -83,16 +83,15 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
         raise FileNotFoundError(f"no file {path}")
     try:
         arrays = Arrays(path)
-    except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
-        raise ValueError(
-            f"{path} is damaged, or holds no certified sets in format 6 ({error}); solve it anew"
-        ) from error
-    try:
         expect_room(arrays.nbytes)
         own, named = digest(arrays.head, arrays), arrays.head["digest"]
         expect(named == own, f"its head must name the problem that it describes, {own}", named)
         yield arrays.head, arrays
-    except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
+    except Damaged as error:
+        raise ValueError(
+            f"{path} is damaged, or holds no certified sets in format 6 ({error}); solve it anew"
+        ) from error
+    except (LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
         raise ValueError(
             f"{path}: its certified sets make no sense ({error}); the file is damaged, or another problem's"
         ) from error
@@ -165,7 +164,7 @@ def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYT
     expect(one is not None and one.kind == np.dtype(kind).name, f"{name} must be an array of {np.dtype(kind)}", name)
     found = file.shape(name)
     same = len(found) == len(shape) and all(map(lambda n, m: n in (None, m), shape, found))
-    fits = (same or shape == (...,)) and file.stated[name].size <= most
+    fits = (same or shape == (...,)) and file.stated[name].size - BEFORE <= most
     expect(fits, f"{name} must be kept in the file, of shape {shape}", found)
     return file.array(name)
 
