@@ -17,7 +17,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
 2.  *The image is outside what can be reached.* For the arm: `moved_bounds`, in fractions, with the adversary's worst
     velocities, and `CellAxis.image`, clipped at walls. [test_image_holds_the_worst_adversary] For the others:
-    `Images.reached`, by intervals of the user's own functions; where a component of the disturbance moves several axes
+    `Images.swept`, by intervals of the user's own functions; where a component of the disturbance moves several axes
     that no velocity depends on, `oblique`, between planes. [test_general_reach_box_holds_every_trajectory,
     test_every_sample_is_inside, test_what_a_piece_adds_is_rounded_outward, test_no_state_ends_outside_the_lines]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `rows_inside`, and
@@ -32,28 +32,27 @@ The obligations of the proof, where each is met, and the test in tests/certified
     [test_what_tubes_overlap_is_united_as_plain_loops_say, test_no_state_of_a_clear_cell_is_met]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
-7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
+7.  *Rounding is outward.* `CONTACT_MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
 8.  *States and plants are in floating point too.* A state within the *shell* of a certified cell counts as in it: 1e-10
     of the largest coordinate of an axis (`Proof.shell`), of the arm 1e-10 m and rad. Under an input certified for that
     cell the next state is within the shell, plus what the plant rounds, of a certified cell, and the tube as near to a
-    clear one: `MARGIN` covers both. `contains` and `fraction` count closed cells (`Proof.rounding`), and the shell is
-    the
-    reserve of a run from there: it may drift by that in all, through the plant's rounding, because an image may stick
-    out of its cells by 2e-13 of the coordinate, or because a velocity is not the decimal that `measured` takes it for,
-    5e-13 of it. `CertifiedTable.steps_of_rounding` says for how many steps. Goals and tubes hold for states in the
-    shell, too, so a closed set is shrunk by 1e-10 of the coordinate, where it does not end with the grid.
+    clear one: `CONTACT_MARGIN` covers both. `contains` and `fraction` count closed cells (`Proof.rounding`), and the
+    shell is the reserve of a run from there: it may drift by that in all, through the plant's rounding, because an
+    image may stick out of its cells by 2e-13 of the coordinate, or because a velocity is not the decimal that
+    `as_rounded_fraction` takes it for, 5e-13 of it. `CertifiedTable.steps_of_rounding` says for how many steps. Goals
+    and tubes hold for states in the shell, too, so a closed set is shrunk by 1e-10 of the coordinate, where it does
+    not end with the grid.
     [test_state_on_an_edge, test_a_promised_run_has_a_reserve_for_rounding, test_borders_may_coincide]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target] For the others also by all of an image, whatever its cells: `Arrivals`.
     [test_arrivals_on_a_line_are_those_of_the_closed_form, test_no_state_of_a_cell_that_arrives_is_outside_the_target]
 10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
     is of the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of
-    the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`, `unknown`. With memory a
-    cell holds
-    the points that are carried on, whose state is within E: the image is widened by E before and shrunk by E after, to
-    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`). What is
-    held at a wall as a whole is known there: the state of a layer is not widened along its axis, and no point but one
-    that says so is in it (`Cells.wall_known`).
+    the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`,
+    `prediction_error_along`. With memory a cell holds the points that are carried on, whose state is within E: the
+    image is widened by E before and shrunk by E after, to its middle at least. Who clips a prediction to its cells
+    keeps the state within E (`Table.next_points`). What is held at a wall as a whole is known there: the state of a
+    layer is not widened along its axis, and no point but one that says so is in it (`Cells.wall_known`).
     [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.

@@ -140,7 +140,7 @@ def decide(states, rows, when, packs, stored, reach_and_scores, out):
         ends: what each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
         share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where packs has a tape for
-        these, it is played, and `ends` is not read. scores: which safe input is preferred as `best`: that of least
+        these, it is played, and `ends` is not read. scores: which safe input is preferred: that of least
         score, of equals that of least depth. normals: those of the planes that states end between, where states are in
         no sum of a box and segments; behind the path `ends` then has the greatest n . x for each normal n, `ndim` of
         these in a term.

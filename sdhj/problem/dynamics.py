@@ -331,7 +331,7 @@ class VectorField(Remembering):
 
     @cached_property
     def depends_on_time(self) -> bool:
-        """Whether drift, gain or bounds depend on time; a black box does unless its `rate` is 0."""
+        """Whether drift, gain or bounds depend on time; a black box does unless its `BlackBox.rate` is 0."""
         return any(part.depends_on_time for part in self.parts)
 
     @property

@@ -372,7 +372,7 @@ class UnsafeSet:
 
     @property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
+        """Whether the level-set function depends on the time; a black box does unless its `BlackBox.rate` is 0."""
         return bool(self.level_set.depends_on_time)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
@@ -471,7 +471,7 @@ class TargetSet:
 
     @property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
+        """Whether the level-set function depends on the time; a black box does unless its `BlackBox.rate` is 0."""
         return bool(self.level_set.depends_on_time)
 
     @classmethod

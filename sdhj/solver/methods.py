@@ -80,7 +80,7 @@ class HJI(Options):
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
         """The games of the intervals of a problem, on some axes, by default all; `JointGames` if games="joint".
 
-        window : the keywords `counted` and `wanted` of `sdhj.solver.games`, for a problem on a window of a larger grid.
+        window : keywords of `sdhj.solver.games.HJIGames`, for a problem on a window of a larger grid.
         """
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 

@@ -734,8 +734,8 @@ class Controller:
     def allowed(self, batch: Batch) -> FloatArray:
         """Which of the safe inputs a rule with `all_left`, and the filter, may choose for each state: bool (M, L).
 
-        For a table on a grid those with margin <= -SHIELDED * Table.cell or, where no input has, those of the least
-        margin; for a certified table, or one that holds for ever, all that are safe: `batch.safe` itself.
+        For a table on a grid those with margin <= -`SHIELDED` * `Table.change_over_cell` or, where no input has, those
+        of the least margin; for a certified table, or one that holds for ever, all that are safe: `batch.safe` itself.
         """
         if self.table.proved or batch.game is not None:
             return batch.safe

@@ -9,9 +9,9 @@ from sdhj.table.controller import Controller
 class Relay:
     """Several controllers for chained problems: the last one for whose table a state is admissible chooses the input.
 
-    Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
-    the target of the problem of `second` (`TargetSet.from_table`). Each state is judged by itself: with `Sensing` that
-    needs tables of memory=False.
+    Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of the first
+    table is the target of the second one's problem (`TargetSet.from_table`). Each state is judged by itself: with
+    `Sensing` that needs tables of memory=False.
 
     Attributes
     ----------
