@@ -572,12 +572,8 @@ class Argument:
 
         cuts : when parts begin and end, s. late : by how much that may be off.
         """
-        good, ends, rows = (
-            np.ones(cells.shape[1], np.bool_),
-            self.ends(cells, 2 * self.near),
-            self.rows_of(cells, tubes),
-        )
-        there = self.not_gone(cells, tubes)
+        good, there = np.ones(cells.shape[1], np.bool_), self.not_gone(cells, tubes)
+        ends, rows = self.ends(cells, 2 * self.near), self.rows_of(cells, tubes)
         for number, (begin, end) in enumerate(pairwise(cuts)):
             left = np.flatnonzero(good & there[number])
             box = (ends[:, :, left] + tubes.swept[number][:, :, rows[left]])[:, part.axes]
@@ -785,7 +781,7 @@ class Argument:
         moves, clear, arrive = Count(), Count(), Count()
         at_places = asked.any(axis=free).ravel()
         open_moves = at_places & chosen.any(axis=free).ravel()
-        moves.note(at_places, open_moves)
+        moves.note(at_places, open_moves, np.ones_like(at_places))
         open_cells: dict[int, Array] = {}
         for step in range(len(self.clear)) if always else [start]:
             said = (self.clear[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(self.counts)
