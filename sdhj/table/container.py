@@ -37,7 +37,7 @@ ALIGNED = 64  # bytes, of which numbers in a file begin at a multiple
 KINDS = ("float32", "float64", "int16", "int64", "uint8", "uint32", "uint64")
 MOST_AXES, MOST_BYTES = 8, 1 << 50  # of an array
 NAME = re.compile("[a-z_]{1,40}(/[a-z0-9 ]{1,40})?")  # of an array
-MOST_UNPACKED, MOST_RATIO = 1 << 28, 100  # bytes of all packed arrays, or so many times what is packed
+MOST_UNPACKED, MOST_RATIO = 1 << 28, 256  # bytes of all packed arrays, or so many times what is packed
 CHECKED = 1 << 30  # bytes of arrays up to which digests are read with the head
 PART = 1 << 24  # bytes that are looked at in one go
 FULL = 0xFFFFFFFF  # says in a zip that the number is in the field behind: always, so that all sizes are written alike
@@ -208,8 +208,9 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
         for piece in every:
             found.update(piece)
             crc = zlib.crc32(piece, crc)
-            packed += [packer.compress(piece)] * compress
-        packed += [packer.flush()] * compress
+            if compress:
+                packed.append(packer.compress(piece))
+        packed.append(packer.flush())
         size = sum(map(len, packed))
         how = (size, sha256(*packed)) if compress else None
         pieces[name], checks[name] = packed if compress else every, crc

@@ -31,7 +31,7 @@ MOST_TEXT = 1 << 24  # bytes of problem.json
 MOST_BYTES = 1 << 50  # of an array
 MOST_AXES = 8
 BEFORE = 256  # bytes before the numbers of an .npy file
-MOST_UNPACKED, MOST_TIMES = 1 << 28, 100  # bytes of all packed arrays, or so many times what is packed
+MOST_UNPACKED, MOST_TIMES = 1 << 28, 256  # bytes of all packed arrays, or so many times what is packed
 BY = 1 << 24  # bytes that are read at a time
 ALL = 0xFFFFFFFF  # in a zip: the number is in the extra field
 
