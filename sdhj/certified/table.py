@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
@@ -61,14 +61,16 @@ class CertifiedTable(Table):
     pool: FloatArray
     details: Mapping[str, Any]
     player: Player | None = field(default=None, compare=False)
+    mapped_from: InitVar[Any] = None  # `origin`; nothing of what `dataclasses.replace` makes of it
     method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
     proved: ClassVar[bool] = True
     _explain = explain
 
-    def __post_init__(self) -> None:
-        """Make `index` and `pool` read-only in place, and `details` a sealed copy."""
+    def __post_init__(self, mapped_from: Any) -> None:
+        """Make `index` and `pool` read-only in place, `details` a sealed copy, and keep `mapped_from` as `origin`."""
         read_only((self.index, self.pool))
         object.__setattr__(self, "details", Sealed(self.details))
+        object.__setattr__(self, "origin", mapped_from)
 
     @property
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof
@@ -598,8 +600,12 @@ class CertifiedTable(Table):
         write_table(path, self, arrays, compress, cells=cells, proof=self.proof.entry_in_head)
 
     @classmethod
-    def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem) -> "CertifiedTable":
+    def read(
+        cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, **fields: Any
+    ) -> "CertifiedTable":
         """The table in an open file with this head, for a problem that has been read from it.
+
+        fields : what else the class has, as keywords.
 
         ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together: the cells do not
         cover the axes, arrays have other shapes or types, or there are bits of no cell. Nothing is proved anew.
@@ -621,7 +627,7 @@ class CertifiedTable(Table):
             raise ValueError("it says to be for ever, and its sets are for some steps")
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
-        return cls(proof, index, pool, head["details"])
+        return cls(proof, index, pool, head["details"], **fields)
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:

@@ -404,10 +404,9 @@ def table_in(
     player : simulates runs for `Table.played`.
     """
     require_entries(head, file)
-    table = replace(kind.read(head, file, problem_of_file(path, head, arrays_in(file), problem)), player=player)
-    if not any(one.packed for one in file.stated.values()):
-        object.__setattr__(table, "origin", Origin(file.path, file.sha256))  # not of what `replace` makes of it
-    return table
+    packed = any(one.packed for one in file.stated.values())
+    fields = {"player": player, "mapped_from": None if packed else Origin(file.path, file.sha256)}
+    return kind.read(head, file, problem_of_file(path, head, arrays_in(file), problem), **fields)
 
 
 def reopened(kind: Any, path: Path, sha256: str, problem: ReachAvoidProblem | None, player: Any) -> Any:

@@ -522,9 +522,9 @@ class StoredTable(LookupTable):
     path: Path | None = field(default=None, init=False, compare=False)
     folder: InitVar[Path | None] = None  # `path`; none of what `dataclasses.replace` makes of it
 
-    def __post_init__(self, folder: Path | None) -> None:
+    def __post_init__(self, mapped_from: Any, folder: Path | None) -> None:
         """Keep the folder, an argument of the constructor only, as `path`."""
-        super().__post_init__()
+        super().__post_init__(mapped_from)
         object.__setattr__(self, "path", folder)
 
     def __reduce_ex__(self, protocol: Any) -> Any:

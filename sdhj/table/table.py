@@ -10,7 +10,7 @@ than the reachable set, and promises are given more rarely.
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -151,10 +151,12 @@ class LookupTable(Table):
     details: Mapping[str, Any]
     reusable: Kept | None = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
     player: Player | None = field(default=None, compare=False)
+    mapped_from: InitVar[Any] = None  # `origin`; nothing of what `dataclasses.replace` makes of it
 
-    def __post_init__(self) -> None:
-        """Make `details` a read-only copy."""
+    def __post_init__(self, mapped_from: Any) -> None:
+        """Make `details` a read-only copy, and keep `mapped_from` as `origin`."""
         object.__setattr__(self, "details", Sealed(self.details))
+        object.__setattr__(self, "origin", mapped_from)
 
     # ---- filling it in
 
@@ -461,13 +463,13 @@ class LookupTable(Table):
         write_table(path, self, arrays, compress, **told)
 
     @classmethod
-    def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem) -> Self:
+    def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, **fields: Any) -> Self:
         """The table of this problem in an open file of `sdhj.table.files.opened_table`, with the file's head.
 
-        ValueError if file and problem do not fit together.
+        fields : what else the class has, as keywords. ValueError if file and problem do not fit together.
         """
         index = read_array(file, "index", "int64", (len(entries(problem.most_steps)),))
-        return cls.of_arrays(head, partial(read_array, file), index, problem)
+        return cls.of_arrays(head, partial(read_array, file), index, problem, **fields)
 
     @classmethod
     def of_arrays(
