@@ -608,7 +608,7 @@ class GeneralProof(Images):
         changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
             may be there are asked about. None: all are.
         """
-        prepared.add(cells, following, step, changed, self.clear, 1)
+        prepared.add(cells, following, step, changed, self.clear)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.

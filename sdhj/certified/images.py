@@ -178,11 +178,6 @@ class Proof(ReadOnly):
         """Whether sets lose cells, rather than gain them, with every step to go: without a target."""
         return self.problem.has_no_target
 
-    @property
-    def all_at_first(self) -> bool:
-        """Whether all cells are looked at for S_k^1, not only those whose images may hold cells of S_{k+1}^0."""
-        return self.shrinks
-
     @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code (`Cells`), made once, at first use."""
@@ -595,7 +590,7 @@ class Images(Proof):
 
         ends, enclosure : (2, M, ndim). times : of the piece, s.
         """
-        names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
+        names, u = self.problem.grid.names, f"input {j}"
         for boxes in (ends, enclosure):
             unknown = ~np.isfinite(self.bounds.velocity(j, boxes[0], boxes[1], *times)).all(axis=0)
             if unknown.any():

@@ -46,7 +46,7 @@ class _Swapped(NamedTuple):
 
     cells : the cells of all axes. moves : the images of the step's interval.
     far (2, ndim) : the box of `Images.farthest_moves` for this interval.
-    marks (cells, bytes) uint8 : the bits of clear inputs; (0, 0): all are clear.
+    marks (cells, bytes) uint8 : the bits of clear inputs.
     """
 
     cells: Cells
@@ -82,9 +82,7 @@ class Packing:
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}
 
-    def add(
-        self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray, groups: int
-    ) -> None:
+    def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray) -> None:
         """Add to `cells` each cell whose image under a clear input is in `following`; in place.
 
         Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input.
@@ -93,17 +91,15 @@ class Packing:
         step : that of `cells`; where moves or marks are known for one step only, these are taken.
         changed : the rows of `following`, and bits, that differ from the set that was `following` when `cells` was
             made; only words of cells whose images may hold one are looked at. None: all are. Not used where all cells
-            move alike, `groups` is 1 and there are marks.
-        marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear; (starts, 0, 0): all inputs are.
-        groups : how many groups of equal length the moves fall into, one after the other; a cell needs a clear input
-            of each group.
+            move alike.
+        marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear.
         """
         some = self._at(step, marks)
-        if self.alike and groups == 1 and marks.size:
+        if self.alike:
             self._add_alike(cells, following, some)
             return
         if self.axis == len(self.order) - 1:
-            self._grow(cells, following, changed, some, groups)
+            self._grow(cells, following, changed, some)
             return
         if changed is not None:
             whole = np.zeros_like(following)
@@ -112,18 +108,18 @@ class Packing:
             rows = np.flatnonzero(whole.any(axis=1))
             changed = rows, whole[rows]
         inside = self._swapped(cells, False)
-        self._grow(inside, self._swapped(following, False), changed, some, groups)
+        self._grow(inside, self._swapped(following, False), changed, some)
         cells[...] = self._swapped(inside, True)
 
     def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
-        """`add` where all cells move alike and there is one group.
+        """`add` where all cells move alike.
 
         The image of a cell is a window of cells, the same from each cell. It does not lie in `following` if it contains
         a cell outside: so the cells outside are united over that window (`sdhj.certified.word_tubes.united`).
 
         cells : (rows, W) uint64, modified in place: cells are added, or taken away where sets shrink.
         following : (rows, W) uint64, as for `add`; both are packed along the last axis.
-        some : cells, moves and marks of the interval, of `_at`; there must be marks of clear inputs.
+        some : cells, moves and marks of the interval, of `_at`.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))  # obligation 3.32
@@ -135,14 +131,14 @@ class Packing:
             add_predecessors(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)  # obligation 3.33
         cells[...] = led if self.proof.shrinks else cells | led  # obligation 3.34
 
-    def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped, groups: int) -> None:
+    def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
         """`add` for sets that are packed along `axis` already; `cells` is modified in place.
 
-        cells, following, changed, groups : as for `Packing.add`, but along `axis`. some : of the step.
+        cells, following, changed : as for `Packing.add`, but along `axis`. some : of the step.
         """
         near = np.full(cells.shape, True) if changed is None else reached_words(*changed, some.far, some.cells)
         extended = self._extended(following, some)
-        grow(near, cells, extended, some.marks, some.moves, groups, some.cells, self.proof.shrinks)
+        grow(near, cells, extended, some.marks, some.moves, some.cells, self.proof.shrinks)
 
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
         """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
@@ -188,10 +184,8 @@ class Packing:
 
         cells = in_order(some.cells, ("lower", "width", "length", "layers", "counts", "periodic"))
         moves = in_order(some.moves, ("low", "high", "strides", "safe"))
-        marks = some.marks
-        if marks.size:
-            marks = np.swapaxes(marks.reshape(*some.cells.counts, number), self.axis, len(order) - 1)
-        marks = np.ascontiguousarray(marks.reshape(-1, number) if marks.size else marks)
+        marks = np.swapaxes(some.marks.reshape(*some.cells.counts, number), self.axis, len(order) - 1)
+        marks = np.ascontiguousarray(marks.reshape(-1, number))
         return _Swapped(cells, moves, *read_only((np.ascontiguousarray(some.far[..., order]), marks)))
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:

@@ -284,16 +284,15 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
 
 @kernel(parallel=True)
-def grow(near, inside, following, clear, moves, groups, cells, keep):
+def grow(near, inside, following, clear, moves, cells, keep):
     """Add to a set the cells that moves lead into `following`; for `keep`, keep only such cells of it. In place.
 
-    Only cells in words that are `near` are looked at. A cell needs a clear move of every group.
+    Only cells in words that are `near` are looked at. A cell needs a move that is clear.
 
     near (R, W) bool : the words. inside, following (R, W) uint64 : the two sets; `inside` is modified in place. Where
         all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
-    clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
-    moves, groups : the `Moves`, which fall into `groups` groups of one length, one after the other.
-    cells : the `Cells`. keep : bool, whether cells are taken away instead of added.
+    clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
+    keep : bool, whether cells are taken away instead of added.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
     for i in prange(rows):
@@ -301,25 +300,24 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
         if near[row].any():
             images_in = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
             scratch = np.empty((4, ndim), np.int64), images_in
-            grow_row(row, (near[row], inside[row], index, following), clear, moves, groups, cells, keep, scratch)
+            grow_row(row, (near[row], inside[row], index, following), clear, moves, cells, keep, scratch)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
+def grow_row(row, sets, clear, moves, cells, keep, scratch):
     """Add to one row of a set the cells that moves lead into another; for `keep`, keep only such cells. In place.
 
     What `grow` does, for row number `row`.
 
     sets : (near (W,), inside (W,), index (R,), pool), the words of the row that are looked at, the row itself, modified
         in place, and the other set by the number of each row's block, and the blocks.
-    clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
-    moves, groups : the `Moves`, which fall into `groups` groups of one length; a cell needs a move of every group.
-    cells : the `Cells`. keep : bool.
+    clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
+    keep : bool.
     scratch : (4, ndim) int64, and (L,) uint64 where `pool` is extended as in `images_inside`, else of length 0;
         overwritten.
     """
     (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
-    last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
+    last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
@@ -335,21 +333,15 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
                 continue
             cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
             place = begin + bit * moves.strides[cell.size - 1]
-            for group in range(groups if found else 0):
-                found = False
-                for turn in range(each):
-                    j = (tried + turn) % each  # what served before is tried first
-                    at = group * each + j
-                    if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.7
-                        continue
-                    if images_in.size > 0:
-                        found = (images_in[at] >> np.uint64(bit & 63)) & BIT != 0
-                    else:
-                        found = move_inside(cell, at, place, moves, cells, index, pool, indices)
-                    if found:
-                        tried = j
-                        break
-                if not found:
+            for turn in range(count if found else 0):
+                j = (tried + turn) % count  # what served before is tried first
+                found = (clear[number, j >> 3] >> (j & 7)) & 1 != 0  # obligation 3.7
+                if found and images_in.size > 0:
+                    found = (images_in[j] >> np.uint64(bit & 63)) & BIT != 0
+                elif found:
+                    found = move_inside(cell, j, place, moves, cells, index, pool, indices)
+                if found:
+                    tried = j
                     break
             if found != keep:
                 inside[word] ^= BIT << np.uint64(bit & 63)

@@ -242,19 +242,6 @@ def to_the_goal(steps=30):
     return blocked(steps, sdhj.TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0] - 20) - 12, p[:, 1] - 0.05)))
 
 
-def test_what_is_lost_is_not_certified():
-    """Neither state by state, nor at the wall, where a layer and the lowest cell meet; and somebody is lost."""
-    table = sdhj.solve(to_the_goal(8), sdhj.Certified(cells=(100, 30)), progress=False, play=False)
-    rng = np.random.default_rng(0)
-    q = rng.uniform([0, 0], [100, 15], (20_000, 2))
-    q[:5000, 1] = 0.0
-    won, lost = table.contains(q), table.losing.contains(q)
-    assert not (won & lost).any() and won.any() and lost.mean() > 0.5
-    assert 0 < table.unknown() < 0.4
-    beyond = (q[:, 0] + q[:, 1] ** 2 / (2 * (BRAKES + PUSH)) < 32) & (q[:, 0] > 8)  # brakes at their best
-    assert not (lost & beyond & (q[:, 1] < 0.05)).any()
-
-
 def test_runs_to_where_a_car_stands():
     table = sdhj.solve(to_the_goal(12), sdhj.Certified(cells=(100, 60)), progress=False, play=False)
     rng = np.random.default_rng(0)

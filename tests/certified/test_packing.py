@@ -9,7 +9,6 @@ from robots import car
 
 import sdhj
 from sdhj.certified import packing
-from sdhj.certified.table import lost_cells
 
 
 def forklift():
@@ -49,15 +48,6 @@ def test_the_sets_are_the_same(monkeypatch, problem, cells, axis):
     tables.append(sdhj.solve(problem, method, progress=False, play=False))
     assert np.array_equal(tables[0].index, tables[1].index) and np.array_equal(tables[0].pool, tables[1].pool)
     assert 0.01 < tables[0].fraction() < 0.99
-
-
-def test_lost_cells_are_the_same(monkeypatch):
-    problem = replace(car(), steps=2)
-    axes = sdhj.Certified(cells=(24, 30, 13)).axes(problem)
-    lost = lost_cells(problem, axes, parts=3)
-    monkeypatch.setattr(packing, "packed_axis", lambda grid, axes, *told: len(axes) - 1)
-    again = lost_cells(problem, axes, parts=3)
-    assert np.array_equal(lost.pool, again.pool) and 0.1 < lost.fraction(start=0, within=2) < 1.0
 
 
 def test_where_sets_stay_as_they_are():
