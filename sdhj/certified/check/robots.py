@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check import balls
 from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, packed, unpacked
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.counts import Spans, boxes_inside, flags_at, led_into, spans_of, strides_of, sums, tubes_miss
@@ -68,7 +67,6 @@ BOXES_AT_ONCE = 1 << 16  # boxes
 SLAB = 1 << 14  # cells whose tubes are bounded at once
 HALVES_AT_ONCE = 1 << 12
 NUMBERS_AT_ONCE = 1 << 22  # cells of several inputs
-MOST_IN_BALLS = 100  # cells
 FEW = 8  # cells in one that is looked at are too many to be counted
 MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
@@ -1001,12 +999,11 @@ class Robot(Sets):
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """Yield all claims, checked; those of single cells for `samples` random cells, or for all if it is None.
 
-        Only the first where cells do not cover the axes. With samples, and where python-flint is installed, bounds on
-        formulas are compared with Arb's in `MOST_IN_BALLS` cells at most. The last one names the functions of which
-        what is stated is believed, if there are any.
+        Only the first where cells do not cover the axes. The last one names the functions of which what is stated is
+        believed, if there are any.
 
-        samples : at least 1, or None; more than there are cells: all of them. seed : of the cells drawn, and of the
-            states. silent : show no progress bar.
+        samples : at least 1, or None; more than there are cells: all of them. seed : of the cells drawn.
+            silent : show no progress bar.
         """
         ndim, wrong = self.grid.ndim, self.faults_of_cells()
         yield Claim(COVER, ndim, ndim, wrong)
@@ -1020,29 +1017,8 @@ class Robot(Sets):
             chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
-        if samples is not None and balls.INSTALLED:
-            yield self.claim_in_balls(np.flatnonzero(chosen)[:MOST_IN_BALLS], seed)
         if self.trusted:
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
-
-    def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
-        """The claim, checked by Arb's arithmetic at a state of each of these cells, that bounds on formulas hold.
-
-        numbers (M,) : the flat numbers of the cells. seed : of the states. The bounds are those over the cells and over
-            the states alone.
-        """
-        box, made, counted, wrong = self.ends(self.cells(numbers)), 0, 0, []
-        functions: list[Any] = [
-            (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
-        ]
-        functions += [(part.name, part.function, part.axes) for part in (self.target, *self.unsafe) if part]
-        for name, function, axes in functions:
-            if isinstance(function, Formula):
-                low, high = box[:, :, list(axes)]
-                count, beyond = balls.outside(function, low, high, (0.0, self.delta), seed)
-                made, counted = made + numbers.size * len(function.results), counted + count
-                wrong += [f"{name} at {point} is {ball.str(10)}, not from {a} to {b}" for point, ball, a, b in beyond]
-        return Claim("bounds hold where Arb's arithmetic looks", made, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Yield claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
