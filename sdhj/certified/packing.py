@@ -25,18 +25,17 @@ FEWEST = 16  # cells of an axis that is packed in place of the last
 Changes = tuple[FloatArray, FloatArray] | None
 
 
-def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray, oblique: bool) -> int:
+def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray) -> int:
     """The number of the axis along which sets are packed in the recursion.
 
     The longest axis of at least `FEWEST` cells that is no axis of a place, so that all cells along it move alike. The
-    last axis instead if it is no axis of a place itself, if there is no such axis, if images are lines, or if an axis
-    of the grid has a safe end.
+    last axis instead if it is no axis of a place itself, if there is no such axis, or if an axis of the grid has a safe
+    end.
 
     axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
-    oblique : whether images are lines (`sdhj.certified.oblique`), which are along the last axis.
     """
     alike = [k for k, own in enumerate(axes) if not depends[k] and own.count >= FEWEST]
-    if not depends[-1] or not alike or oblique or grid.has("frees"):
+    if not depends[-1] or not alike or grid.has("frees"):
         return len(axes) - 1
     return max(alike, key=lambda k: axes[k].count)
 
@@ -73,11 +72,10 @@ class Packing:
     """
 
     def __init__(self, proof: Any) -> None:
-        """For a proof, an `sdhj.certified.images.Images` whose moves, and lines if it has any, are filled."""
+        """For a proof, an `sdhj.certified.images.Images` whose moves are filled."""
         self.proof, last = proof, len(proof.axes) - 1
-        oblique = bool(len(proof.lines.normals))
-        self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0, oblique)
-        self.alike = not oblique and goes_along(proof.problem, proof.strides > 0, range(last + 1))
+        self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0)
+        self.alike = goes_along(proof.problem, proof.strides > 0, range(last + 1))
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}
@@ -156,7 +154,7 @@ class Packing:
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > counts[-1]:
             return following
         rows = with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
-        if counts.size == 1 or len(moves.lines):
+        if counts.size == 1:
             return rows
         height = 1 + int((moves.high - moves.low)[..., -2].max())
         return with_levels(rows, int(counts[-2]), height.bit_length())

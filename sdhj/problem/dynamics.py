@@ -49,9 +49,9 @@ class Dynamics:
         In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
         between its extremes over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many pieces methods "hji" and "certified", and margins, cut the range of each component of v that does
-        not enter linearly and moves several axes; the error falls with their number, to the first order, and cost and
-        memory grow with it.
+        Into how many pieces method "hji", and margins, cut the range of each component of v that does not enter
+        linearly and moves several axes; the error falls with their number, to the first order, and cost and memory grow
+        with it. Certified tables take the whole range.
 
     Raises
     ------

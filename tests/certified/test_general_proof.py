@@ -7,6 +7,7 @@ from fractions import Fraction
 import naive_certified as naive
 import numpy as np
 import pytest
+from forging import forged
 from naive_certified import SMALL
 from toys import interval_problem, torus_problem, unicycle_problem
 
@@ -323,6 +324,34 @@ def test_images_are_inside_as_plain_loops_say(rng):
         assert rows_inside(total, cells, index, pool, room) == expected
         found.append(expected)
     assert 50 < sum(found) < 250
+
+
+def test_a_push_along_several_axes_counts_as_its_box():
+    """Of one component as of one for each axis; and where it enters nonlinearly, by all of its range."""
+    ways = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    dynamics = (
+        sdhj.Dynamics(ways, ways, [[0.25], [0.25]], [1.0]),
+        sdhj.Dynamics(ways, ways, 0.25 * np.eye(2), [1.0, 1.0]),
+        sdhj.Dynamics(ways, velocity=lambda q, u, v: u + 0.25 * np.stack([v[0], v[0] ** 3]) + 0 * q, bounds=[1.0]),
+    )
+    one, other, bent = (
+        certified(dataclasses.replace(torus_problem(), dynamics=own), cells=(64, 64)) for own in dynamics
+    )
+    assert np.array_equal(one.pool, other.pool) and np.array_equal(one.index, other.index)
+    assert one.fraction() > 1.2 * one.fraction(within=0) > 0.01
+    first, last = np.array([[0.75, -0.25], [1.25, 0.25]]) * torus_problem().delta
+    width = np.array([float(axis.width) for axis in bent.axes])
+    assert np.array_equal(bent.proof.low[0, 1, 0], np.floor(first / width))
+    assert np.array_equal(bent.proof.high[0, 1, 0], np.ceil(1 + last / width) - 1)
+
+
+def test_fields_that_are_not_known_are_refused(tmp_path):
+    """As `lines`, which images had that were no boxes."""
+    certified(interval_problem(), cells=(80,)).save(tmp_path / "table.h5")
+    with forged(tmp_path / "table.h5", named=True) as (told, _):
+        told["proof"]["normals"] = [[1.0]]
+    with pytest.raises(ValueError, match="its proof has normals, which this version does not know; solve it anew"):
+        sdhj.load(tmp_path / "table.h5")
 
 
 @pytest.mark.slow

@@ -275,6 +275,7 @@ MUTATIONS = {
     "coordinates of a function": ("7.22 true 3", "head: coordinates"),
     "axes of a set": ("7.23 true 7", "head: axes"),
     "an axis twice": ("7.24 drop 12", "head: axes twice"),
+    "fields that are known": ("7.50 true 3", "head: lines"),
     "numbers of inputs": ("7.49 zero 13", "head: inputs of a set"),
     "the target first": ("7.25 true 2", "head: kinds"),
     "kinds of ends": ("7.26 true 6", "head: ends"),
