@@ -145,19 +145,13 @@ class Packing:
         repeats the row of a periodic axis, and the first and the last cell of a bounded one. The set is returned as it
         is where a place depends on the packed axis, an end is safe, or images reach farther than the axis is long.
 
-        Its levels follow (`with_levels`), as many as the highest image needs, so that few rows of it are asked for.
-
         some : of the step.
         """
         moves, counts = some.moves, some.cells.counts
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > counts[-1]:
             return following
-        rows = with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
-        if counts.size == 1:
-            return rows
-        height = 1 + int((moves.high - moves.low)[..., -2].max())
-        return with_levels(rows, int(counts[-2]), height.bit_length())
+        return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
 
     def _at(self, step: int, marks: FloatArray) -> _Swapped:
         """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
@@ -197,21 +191,6 @@ class Packing:
         out = np.empty((len(sets) // first * last, -(-first // 64)), np.uint64)
         swap_packed(sets, first, math.prod(counts[self.axis + 1 : -1].tolist()), last, out)
         return out
-
-
-def with_levels(rows: FloatArray, count: int, levels: int) -> FloatArray:
-    """The rows (R, W) of a set, and in further levels what rows have in common: (levels R, W) uint64.
-
-    Row l R + r is the intersection of row r and the 2^l - 1 behind it, taken around. So an image of any number of rows
-    is in the set if it is in two rows of a level, 2^l apart at most.
-
-    count : how many rows are behind each other, along the axis before the packed one. levels : at least 1.
-    """
-    out = [rows]
-    for level in range(levels - 1):
-        before = out[-1].reshape(-1, count, rows.shape[1])
-        out.append((before & np.roll(before, -(1 << level), axis=1)).reshape(rows.shape))  # obligation 3.37
-    return np.concatenate(out)
 
 
 def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:

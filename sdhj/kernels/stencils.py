@@ -188,30 +188,18 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
     cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
     moves : the `Moves`. cells : the `Cells`.
-    extended (levels R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along
-        the last axis, in words, and their levels (`sdhj.certified.packing.with_levels`).
+    extended (R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along
+        the last axis, in words.
     scratch (3, ndim) int64 : overwritten.
     found (L,) uint64 : the cells that are asked for, under each move; the bits of the others are set to 0, in place.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
-    rows, beside = 1, max(last - 1, 0)
-    for axis in range(last):
-        rows *= cells.counts[axis]
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
-        level, number = 0, scratch[1, beside]
-        while (level + 1) * rows < len(extended) and 2 << level <= number:
-            level += 1
-        if level > 0:  # few rows of that level, the last of which may overlap
-            scratch[1, beside] = -(-number >> level)
-            total = total // number * scratch[1, beside]
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
         for _ in range(total):
-            at = scratch[2, beside]
-            scratch[2, beside] = min(at << level, number - (1 << level))  # obligation 3.36
-            block = extended[level * rows + row_of_box(scratch, cells)]
-            scratch[2, beside] = at
+            block = extended[row_of_box(scratch, cells)]
             found[j] &= runs_of_any_length(block, begin, min(length, count))
             if found[j] == 0:
                 break

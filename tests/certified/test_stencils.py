@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from sdhj.certified.packing import reached_words, with_levels
+from sdhj.certified.packing import reached_words
 from sdhj.kernels import read_only
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
@@ -152,7 +152,7 @@ def _overlapped(ends, axes, fine, counts, periodic):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_words_of_cells_are_led_as_plain_loops_say(seed):
-    """Images that do not depend on the last axis, up to three words long, by one to four levels of rows."""
+    """Images that do not depend on the last axis, up to three words long."""
     rng = np.random.default_rng(seed)
     counts, periodic = np.array([2, 6, rng.choice([6, 63, 64, 100, 130])]), rng.random(3) < 0.5
     cells = read_only(Cells(np.zeros(3), np.ones(3), np.ones(3), np.zeros((2, 3), int), counts, periodic, 1))
@@ -165,7 +165,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     extended = to_words(np.pad(following.reshape(12, -1), [(0, 0), (64, 64)], mode=mode))
     found, near = to_words(inside.reshape(12, -1)), np.ones((12, -(-counts[2] // 64)), np.bool_)
     moves = read_only(Moves(low, high, np.array([6, 1, 0]), np.array([[-np.inf] * 3, [np.inf] * 3])))
-    grow(near, found, with_levels(extended, 6, 1 + seed % 4), clear, moves, cells, keep)
+    grow(near, found, extended, clear, moves, cells, keep)
     expected = inside.copy()
     for number, cell in enumerate(np.ndindex(*counts)):
         leads = []
