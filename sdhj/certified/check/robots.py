@@ -74,7 +74,7 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 # of boxes (2, M, axes) to where something holds all over them, and where it nowhere does, both (M,) bool
 Holds = Callable[[Array], tuple[Array, Array]]
-# of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
+# of boxes, both (M, axes), and their numbers to bounds of a function there
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
@@ -371,8 +371,7 @@ class Robot(Sets):
                 b[over] = most
                 halves.append((over, len(of)))
                 box, of = np.concatenate([box, second], axis=1), np.concatenate([of, of[over]])  # check 3.85
-        found = bounds(box[0], box[1], of)
-        low, high = (end.repeat(len(of), axis=0) if len(end) == 1 else end for end in found)
+        low, high = bounds(box[0], box[1], of)
         for over, begin in reversed(halves):
             own = slice(begin, begin + len(over))
             # check 4.42
