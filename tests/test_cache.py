@@ -45,6 +45,7 @@ def faults(source: str) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_everything_is_compiled_by_the_decorator_that_watches_the_package() -> None:
     """But for the two files that make the decorators."""
     found = {path: faults((PACKAGE / path).read_text(encoding="utf-8")) for path in FILES}
@@ -178,6 +179,7 @@ def imports(file: Path) -> set[Path]:
     return found
 
 
+@pytest.mark.slow
 def test_a_kernel_belongs_to_the_files_that_it_imports(monkeypatch: pytest.MonkeyPatch) -> None:
     """A comment in a file changes the digests of those that import it, and no others."""
     before, folder = compiling.sources(), PACKAGE / "kernels"

@@ -436,6 +436,7 @@ def machine(change, *, black=False):
     return dataclasses.replace(problem, dynamics=dynamics, unsafe=(part,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("black", [False, True], ids=["formulas", "black box"])
 def test_a_table_is_read_where_constants_are_rounded_otherwise(black, tmp_path):
     table = sdhj.solve(machine(0.0, black=black), progress=False)

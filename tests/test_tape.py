@@ -182,6 +182,7 @@ def test_where_needs_both_branches_only_while_its_condition_is_open():
     assert np.isnan(tapes.bounds(tape, low, high)[0, 0]).tolist() == [True, False, False]
 
 
+@pytest.mark.slow
 def test_leaves_and_blocks():
     """Coordinates, parameters and constants of more points than a block has, with no points, and with many."""
     rows = [

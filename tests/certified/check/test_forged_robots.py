@@ -58,7 +58,7 @@ def test_what_is_true_is_proved(name, files, tmp_path):
     assert proves(verify, tmp_path / "true.npz", name)
 
 
-@pytest.mark.parametrize("name", ["line", "tide"])
+@pytest.mark.parametrize("name", but_slow(["line", "tide"], "tide"))
 def test_pieces_in_which_nothing_is_bounded_leave_open_what_shorter_ones_prove(name, files, tmp_path, monkeypatch):
     piece, asked = Robot.piece, []
 
