@@ -11,7 +11,7 @@ in the tube. The recursion is that of Theorem 2, with sets of cells:
     S_k^1 has every cell, too, of which a clear input has an image inside L(t_{k+1}), where states are measured exactly:
             the target that a run ends in need not be made of cells (`sdhj.certified.arrivals`).
 
-The obligations of the proof, where each is met, and the test in tests/certified that fails without it:
+The obligations of the proof, where each is met, and the test (certified, promises) that fails without it:
 
 1.  *The cells cover the state space, and their edges are exact.* `CellAxis`; numbers are the decimals they are written
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
