@@ -221,6 +221,7 @@ def test_old_versions_are_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     compiling._clear.__wrapped__(tmp_path / "nowhere")
 
 
+@pytest.mark.slow
 def test_an_edit_elsewhere_compiles_nothing(tmp_path: Path) -> None:
     """A comment in any room but that of the kernels."""
     package = shutil.copytree(PACKAGE, tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
@@ -496,6 +497,7 @@ print(triple(2), len(triple.stats.cache_misses))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mine", [Path("kernels/compiling.py")], indirect=True, ids=str)
 def test_of_two_processes_one_compiles(mine: Path) -> None:
     """Both are about to call the same function when either does; the other one waits and reads what is kept."""

@@ -43,6 +43,7 @@ def test_closed_form_on_a_line(steps):
         assert min(reach, 3.0) - 0.1 - 1e-9 <= high <= min(reach, 3.0) + 1e-9
 
 
+@pytest.mark.slow
 def test_moving_obstacle_is_met_between_the_samples(rng):
     problem = torus_problem()
     table = certified(problem, cells=(64, 64))
@@ -72,6 +73,7 @@ def opaque_unicycle():
     return dataclasses.replace(problem, dynamics=dynamics, target=boxed[0], unsafe=boxed[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [unicycle_problem, opaque_unicycle], ids=["formulas", "black boxes"])
 def test_general_reach_box_holds_every_trajectory(rng, problem):
     problem = problem()
@@ -155,6 +157,7 @@ def fenced(back=0.0):
     )
 
 
+@pytest.mark.slow
 def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(rng, tmp_path):
     """Against pursuers that turn round at random times, from cells at the fence and beside it."""
     proof = proof_of(fenced(0.1), (20, 6, 20))
@@ -172,6 +175,7 @@ def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(r
     assert table.fraction() > table.fraction(within=0) > 0.0 and verify(tmp_path / "fenced.npz").ok
 
 
+@pytest.mark.slow
 def test_images_and_tubes_count_in_cells(rng):
     """Against 200 motions from each: which cells a box of states overlaps, which of them may meet a moving disk."""
     problem = torus_problem()
@@ -270,6 +274,7 @@ ANY_VELOCITY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ANY_VELOCITY)
 def test_an_adversary_that_enters_as_it_likes_wins_no_run(name, rng):
     """Certified states lead one step nearer under what the function says."""
@@ -362,6 +367,7 @@ def test_unicycle_runs_succeed(rng):
     naive.assert_runs_succeed(table, naive.states_in(table, rng, 5000), rng, pieces=4, fine=10)
 
 
+@pytest.mark.slow
 def test_general_and_arm_agree_on_the_arm(rng):
     """The arm as any robot, by bounds on its formulas: less than the arm's geometry proves, and a little more."""
     problem = sdhj.arm_case_study(**(SMALL | {"steps": 1}))
