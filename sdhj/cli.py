@@ -142,18 +142,18 @@ def main() -> None:
 @click.argument("robot", required=False)
 @click.option("--nodes", type=int, help="Of the arm: nodes on each axis.  [default: 25]")
 @click.option("--steps", type=int, help="Of the arm: N, the number of sampling intervals.  [default: 8]")
-@click.option("--method", default="hji", type=METHOD, help="The method that solves the games.")
+@click.option("--method", type=METHOD, help="The method.  [default: hji; certified without a number of steps]")
 @click.option("--view-time", type=VIEWS, help="Of the arm: how moving obstacles are treated within an interval.")
 @click.option("--kinematics", type=READINGS, help="Of the arm: the textbook's, or Eq. (8) as printed.")
-@click.option("--cells", help="With --method certified: the number of cells on each axis, separated by commas.")
-@click.option("--seconds", type=float, help="With --method certified: about what a solve may take, to choose cells.")
+@click.option("--cells", help="The number of cells on each axis, separated by commas; implies --method certified.")
+@click.option("--seconds", type=float, help="About what a solve may take, to choose cells; implies --method certified.")
 @click.option("--store", type=PATH, help="A folder for a table larger than memory, in place of -o.")
 @click.option("--operations", type=float, default=MOST_OPERATIONS, help="How many a solve may take; 1e13: some hours.")
 @click.option("-o", "--output", type=PATH, help="The file to write or replace.")
 @plainly
 def solve_command(
     robot: str | None,
-    method: str,
+    method: str | None,
     cells: str | None,
     seconds: float | None,
     store: Path | None,
@@ -165,15 +165,16 @@ def solve_command(
 
     ROBOT is module:name or file.py:name, of a problem or of a function that returns one; by default the paper's arm.
     """
-    for option, value in (("cells", cells), ("seconds", seconds)):
-        if value is not None and method != "certified":
-            raise ValueError(f"--{option} needs --method certified, got --method {method}; leave out one of them")
+    counts = None if cells is None else numbers("cells", cells, int)
+    of_cells: dict[str, Any] = {"cells": counts, "seconds": seconds}
+    of_cells = {name: given for name, given in of_cells.items() if given is not None}
+    if of_cells and method not in (None, Certified.name):
+        raise ValueError(
+            f"--{next(iter(of_cells))} needs --method certified, got --method {method}; leave out one of them"
+        )
     if (output is None) == (store is None):
         raise ValueError("give -o, the file to write, or --store, a folder for a table larger than memory")
-    chosen: Any = method
-    if method == "certified":
-        counts = None if cells is None else numbers("cells", cells, int)
-        chosen = Certified(cells=counts) if seconds is None else Certified(cells=counts, seconds=seconds)
+    chosen: Any = Certified(**of_cells) if of_cells or method == Certified.name else method
     if output is not None:
         writable_file(output)
     given = {name: value for name, value in of_the_arm.items() if value is not None}
@@ -194,8 +195,7 @@ def solve_command(
     share, took = table.fraction(start=0, within=steps), table.details["seconds"]
     lasting = f"within {steps} steps"
     if problem.has_no_target:
-        settled = table.details.get("settled", table.details.get("endless"))
-        lasting = f"for ever, found in {steps} steps" if settled else f"for {steps} steps"
+        lasting = f"for ever, found in {steps} steps" if table.details.get("endless") else f"for {steps} steps"
     click.echo(f"{name}: {what} from {share:.1%} of C {lasting}; solved in {took:.1f} s")
 
 
@@ -313,7 +313,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     "--samples",
     default=0,
     type=click.IntRange(0),
-    help="Check so many random cells (of the arm, pairs of them); 0: all.",
+    help="Check so many random cells (of the arm, pairs of them), with Arb's arithmetic if sdhj[arb] is there; 0: all.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
 @PROBLEM

@@ -2,10 +2,13 @@
 
 import os
 import reprlib
+import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
+
+from tqdm import tqdm
 
 from sdhj.certified.explaining import scanty_finding
 from sdhj.certified.sets import Certified
@@ -31,6 +34,11 @@ from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
 
 METHODS = {kind.name: kind for kind in (HJI, Projected, HopfLax, Certified)}  # by which `solve` knows them
+SECONDS_FOR_EVER = 10.0  # of `Certified`, where no method is named and there is no number of steps
+FOR_EVER = (
+    f"steps=None: sdhj.Certified(seconds={SECONDS_FOR_EVER:g}) proves what holds for ever; its kernels are compiled at "
+    "first use"
+)
 
 
 def method_of(method: str | Method) -> Method:
@@ -51,9 +59,14 @@ def method_of(method: str | Method) -> Method:
     return method
 
 
+def default_method(problem: ReachAvoidProblem) -> Method:
+    """The method of a problem for which none is named: `HJI` with a number of steps, else `Certified`."""
+    return Certified(seconds=SECONDS_FOR_EVER) if problem.steps is None else HJI()
+
+
 def solve(
     problem: ReachAvoidProblem,
-    method: str | Method = "hji",
+    method: str | Method | None = None,
     *,
     progress: bool | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -68,9 +81,10 @@ def solve(
     Parameters
     ----------
     problem : ReachAvoidProblem
-    method : {"hji", "projected", "lax", "certified"}, or Method
+    method : {"hji", "projected", "lax", "certified"}, or Method, optional
         A name stands for the default options of `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` or
-        `sdhj.Certified`, in this order; pass an object of the class for other options.
+        `sdhj.Certified`, in this order; pass an object of the class for other options. By default "hji" or, for a
+        problem without a number of steps, `sdhj.Certified(seconds=10)`: what holds for ever needs a proof.
     progress : bool, optional
         Whether to show a progress bar; by default if standard error is a terminal. It states the cost and counts the
         operations of `estimate`. For a problem without a number of steps it shows the share of states that still
@@ -85,8 +99,8 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; for
-        ever against a greedy adversary, also behind the filter. Of a certified table whether to warn where it has next
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning. Of a
+        certified table whether to warn where it has next
         to nothing, and say why, for about the solve's time more, or a second or two. Whatever this meets (no start, an
         undefined function, Ctrl-C, too little memory) becomes a warning.
     operations : float
@@ -101,8 +115,9 @@ def solve(
     Raises
     ------
     ValueError
-        If an option is unknown, the method does not fit the problem or the store, or the solve takes more `operations`
-        than allowed; the message says what makes it so, for example the cells that the state crosses in an interval.
+        If an option is unknown, the method does not fit the problem or the store (only "certified" takes steps=None),
+        or the solve takes more `operations` than allowed; the message says what makes it so, for example the cells that
+        the state crosses in an interval.
     MemoryError
         If more memory is needed than is available; raised before anything is solved.
     OSError, TableFileError
@@ -116,17 +131,20 @@ def solve(
     0.537
     """
     _require_problem(problem)
+    chosen = default_method(problem) if method is None else method_of(method)
     most = number("operations", operations, above=0.0)
     if store is not None:
         tell(*suspicions(problem))
-        return solve_stored(problem, method_of(method), store, progress, resume, client, memory, most)
+        return solve_stored(problem, chosen, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
-    method, started = method_of(method), time.perf_counter()
+    started = time.perf_counter()
+    if method is None and problem.steps is None and not hidden(progress):
+        tqdm.write(FOR_EVER, file=sys.stderr)
     with announced(progress), findings() as found:
         tell(*suspicions(problem))
-        sets = _filled(problem, method, progress, most)
-        table = _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), method)
+        sets = _filled(problem, chosen, progress, most)
+        table = _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), chosen)
         said = _simulated_at_the_end(table) if play else {}
         said |= {"findings": [list(one[:3]) for one in found]} if found else {}
         return replace(cast(Any, table), details=dict(table.details) | said) if said else table

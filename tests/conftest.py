@@ -16,7 +16,7 @@ import pytest
 
 import sdhj.solving
 from sdhj.kernels import compiling
-from sdhj.kernels.compiling import Kernel
+from sdhj.kernels.tape import play_bounds_part
 
 matplotlib.use("Agg")  # draws without a screen
 
@@ -44,21 +44,20 @@ check_by_runs, sdhj.solving.check_by_runs = sdhj.solving.check_by_runs, lambda t
 scanty_finding, sdhj.solving.scanty_finding = sdhj.solving.scanty_finding, lambda table: None
 
 
-called_while_collecting: list[str] = []
+made_while_collecting: list[bool] = []
 
 
 def pytest_collection_finish() -> None:
-    """No kernel should be called until here; what was made stays, so no time is spent on looking for garbage in it."""
+    """No problem should be made until here; what was made stays, so no time is spent on looking for garbage in it."""
+    made_while_collecting.append(bool(getattr(play_bounds_part, "signatures", ())))
     gc.collect()
-    kernels = [one for one in gc.get_objects() if isinstance(one, Kernel)]
-    called_while_collecting.extend(sorted(one.py_func.__qualname__ for one in kernels if one.signatures))
     gc.freeze()
 
 
 @pytest.fixture
-def kernels_called_while_collecting() -> list[str]:
-    """What a file of tests calls where it is imported, as making a problem does: all workers wait while it compiles."""
-    return called_while_collecting
+def problems_are_made_while_collecting() -> bool:
+    """Whether a file of tests makes a problem where it is imported: all workers wait for what is compiled then."""
+    return made_while_collecting[0]
 
 
 @pytest.fixture

@@ -27,11 +27,14 @@ class Case:
     method : str or method object
     memory : int, optional
         Solved in a store, with so many bytes for a slab.
+    losing : bool
+        Of a certified table also the cells from which the adversary wins.
     """
 
     problem: Callable[[], Any]
     method: Any = "hji"
     memory: int | None = None
+    losing: bool = False
 
 
 def disk(x: float, y: float, radius: float) -> Callable[..., Any]:
@@ -244,16 +247,16 @@ CASES: dict[str, Case] = {
     # one and two axes
     "line": Case(lambda: toys.interval_problem(rate=0.1, ends=[("wall", "unsafe")])),
     "line, lax": Case(toys.interval_problem, sdhj.HopfLax("linear", "float64")),
-    "line, some time": Case(lambda: toys.interval_problem(steps=None)),
+    "line, some time": Case(lambda: toys.interval_problem(steps=None), sdhj.Certified(cells=(80,))),
     "line, from a table": Case(lambda: chained("lax"), "lax"),
     "line, certified from a certified table": Case(
-        lambda: chained(sdhj.Certified(cells=(80,))), sdhj.Certified(cells=(80,))
+        lambda: chained(sdhj.Certified(cells=(80,))), sdhj.Certified(cells=(80,)), losing=True
     ),
     "torus": Case(toys.torus_problem),
     "torus, joint games, third order": Case(toys.torus_problem, sdhj.HJI(EXACT, games="joint")),
     "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), memory=441_136),
     "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", memory=136_136),
-    "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60))),
+    "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60)), losing=True),
     "plane, map and polygon": Case(mapped),
     "plane, map and polygon, lax": Case(mapped, "lax"),
     "plane, cells": Case(lambda: thin("cell")),
@@ -271,9 +274,7 @@ CASES: dict[str, Case] = {
     "plane, forbidden inputs": Case(
         lambda: plane(sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.5), name="zone", inputs=[1, 3]))
     ),
-    "plane, some time, projected": Case(
-        lambda: plane(*thin("nodes").unsafe[:2], target=across(), steps=None), "projected"
-    ),
+    "plane, projected": Case(lambda: plane(*thin("nodes").unsafe[:2], target=across(), steps=2), "projected"),
     "plane, safe ends, lax": Case(
         lambda: plane(
             *thin("nodes").unsafe, grid=sdhj.Grid([0, 0], [4, 3], [33, 25], ends=["safe", "wall"]), target=None
@@ -285,7 +286,9 @@ CASES: dict[str, Case] = {
     "plane, sensing, certified": Case(
         lambda: plane(*thin("nodes").unsafe[:1], sensing=SENSING), sdhj.Certified(cells=(80, 60), parts=4)
     ),
-    "cart, for ever": Case(lambda: cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None)),
+    "cart, for ever": Case(
+        lambda: cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None), sdhj.Certified(cells=(40, 40))
+    ),
     "cart, safe ends": Case(lambda: cart([("safe", "unsafe"), ("wall", "unsafe")], unsafe=posts())),
     "cart, safe ends, joint games": Case(lambda: cart(["safe", "wall"], unsafe=posts()), sdhj.HJI(games="joint")),
     "cart, safe ends, certified": Case(
@@ -306,7 +309,7 @@ CASES: dict[str, Case] = {
         lambda: replace(toys.unicycle_problem(), target=across(0.0)), sdhj.Projected([(0, 1), (0, 2)])
     ),
     "car, certified": Case(toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
-    "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3)),
+    "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3), losing=True),
     "six axes": Case(six),
     "chased, five axes": Case(chased),
     "chased, five axes, projected": Case(chased, sdhj.Projected([(0, 1, 2, 3), (0, 1, 2, 4)])),

@@ -44,9 +44,11 @@ def test_cells_go_with_the_certified_method(tmp_path):
     result = run("solve", *options, "--method", "certified", "--cells", "42,42,12,12")
     assert result.exit_code == 0, result.output
     assert sdhj.load(path).details["cells"] == [42, 42, 12, 12]
-    for wrong in (["--cells", "42,42,12,12"], ["--method", "certified", "--cells", "many"]):
+    for wrong in (["--method", "hji", "--cells", "42,42,12,12"], ["--cells", "many"]):
         refused = run("solve", *options, *wrong)
         assert refused.exit_code == 2 and "cells" in refused.output and "Traceback" not in refused.output
+    assert run("solve", *options, "--cells", "42,42,12,12").exit_code == 0
+    assert sdhj.load(path).method == "certified"  # which --cells means
 
 
 def test_info_tells_what_the_file_holds(saved):
@@ -205,7 +207,7 @@ def test_info_says_what_a_promise_rests_on(tmp_path):
     without_target = dataclasses.replace(
         own, grid=grid, target=None, steps=None, unsafe=(dataclasses.replace(post, sampling="cell"),)
     )
-    sdhj.solve(without_target, progress=False, play=False).save(tmp_path / "stays.npz")
+    sdhj.solve(without_target, sdhj.Certified(cells=(9, 9, 8)), progress=False, play=False).save(tmp_path / "stays.npz")
     shown = run("info", tmp_path / "stays.npz").output
     for text in (
         "  x1: 9 nodes on [-1.5, 1.5], bounded, unsafe ends\n",

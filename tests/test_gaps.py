@@ -366,7 +366,7 @@ def test_advice_for_an_elbow_of_two_turns() -> None:
             TargetSet((0, 1), place),
             [UnsafeSet((1,), lambda p, t: np.cos(p[:, 0]) - np.cos(np.pi - 0.35), name="folded")],
             delta=DELTA,
-            steps=None,
+            steps=60,
         )
 
     assert "986 nodes along shoulder and 1,972 nodes along elbow" in warned(elbow(144, 289))[0]

@@ -145,7 +145,7 @@ class Mute:
     [
         ("magic", "got 'magic'"),
         (["hji"], r"got \['hji'\]"),
-        (None, "got None"),
+        (60, "got 60"),
         (HJI, "got <class '.*HJI'>"),
         (sdhj.Scheme(), r"got Scheme\("),
         (HJI().on, "got <bound method"),

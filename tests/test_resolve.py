@@ -91,7 +91,6 @@ def test_other_bounds_inputs_and_methods():
         (robot(), sdhj.HopfLax("linear")),
         (robot(), sdhj.HJI(sdhj.Scheme(cfl=0.5))),
         (robot(target=None), "lax"),
-        (robot(steps=None), "lax"),
         (robot(), "lax"),
     ]
     for problem, method in tried:

@@ -52,7 +52,7 @@ class Robot:
     bounds : (D,) array
     hazards : sequence of Hazard
     delta, steps : float, int or None
-        Of an interval, s; None: as many as it takes until nothing changes.
+        Of an interval, s; None: for ever, and it is asked at step 0 throughout.
     target : (axes, callable (points, t) -> (M,)), or None
     periodic : (ndim,) bool
     ends : (ndim,) str or pair of str
@@ -64,8 +64,6 @@ class Robot:
         With which method "certified" takes a minute or two; none where it takes more, or proves nothing.
     steep : bool
         Whether it is solved with sampling="steep" too.
-    ever : bool
-        Whether it is asked at step 0 throughout, for ever.
     """
 
     lower: Sequence[float]
@@ -84,7 +82,6 @@ class Robot:
     stateless: bool = False
     cells: tuple[int, ...] = ()
     steep: bool = False
-    ever: bool = False
     scales: dict[str, FloatArray] = field(default_factory=dict, compare=False)
 
     @property
@@ -519,7 +516,6 @@ def rail() -> Robot:
         hazards=[],
         delta=0.1,
         steps=None,
-        ever=True,
         cells=(160, 160),
     )
 
@@ -541,7 +537,6 @@ def double_integrator() -> Robot:
         hazards=[],
         delta=0.1,
         steps=None,
-        ever=True,
         cells=(160, 160),
     )
 
@@ -563,7 +558,6 @@ def pendulum() -> Robot:
         hazards=[],
         delta=0.05,
         steps=None,
-        ever=True,
         cells=(200, 200),
     )
 
@@ -589,7 +583,6 @@ def cart_pole() -> Robot:
         hazards=[],
         delta=0.1,
         steps=None,
-        ever=True,
     )
 
 
@@ -615,7 +608,6 @@ def air3d() -> Robot:
         hazards=[Hazard((0, 1), disk(0.0, 0.0, 5.0), "collision")],
         delta=0.175,
         steps=None,
-        ever=True,
         periodic=[False, False, True],
         ends=["safe"] * 3,
         cells=(104, 80, 72),

@@ -2,15 +2,16 @@
 
 `python figures/studies/promises.py` solves a problem for each robot of `fleet`, draws starts uniformly from what its
 table holds, and has `judge` play them against six adversaries; a row for each robot and method, in promises.md and
-promises.csv. Robots that are to stay clear for ever are asked at step 0 throughout; the rows "filtered" are runs in
-which a commander drives at what is unsafe and `Controller.filter` lets through what it finds safe.
+promises.csv. Robots that are to stay clear for ever are asked at step 0 throughout where that is proved, and on a grid
+for `ON_GRID` steps; the rows "filtered" are runs in which a commander drives at what is unsafe and `Controller.filter`
+lets through what it finds safe.
 """
 
 import csv
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ DRAWN = 50_000  # states among which starts are looked for, at a time
 MOST_DRAWN = 200  # times
 MARK = "<!-- promises: what `python figures/studies/promises.py` writes into results/promises.md -->"
 EVER = 200  # steps that stand for ever
+ON_GRID = 60  # steps that a grid promises, of a robot that is to stay clear for ever
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,9 @@ def starts(table: Table, count: int, seed: int) -> FloatArray:
 
 def answer(robot: Robot, controller: sdhj.Controller, states: FloatArray, step: int) -> Answer:
     """What the controller says of states (M, ndim)."""
-    at = 0 if robot.ever else step
+    at = 0 if robot.steps is None else step
     batch = controller.batch(states, at)
-    rest = np.full(len(states), controller.table.steps - (0 if robot.ever else at + 1))
+    rest = np.full(len(states), controller.table.steps - (0 if robot.steps is None else at + 1))
     left = rest if robot.target is None else np.maximum(batch.steps_to_go, 1) - 1
     return Answer(controller.choose(batch), batch.promised, left)
 
@@ -104,13 +106,14 @@ def answer(robot: Robot, controller: sdhj.Controller, states: FloatArray, step: 
 def filtered(robot: Robot, controller: sdhj.Controller, states: FloatArray, step: int) -> Answer:
     """What the filter makes of a commander who drives at what is unsafe."""
     wanted = np.asarray(robot.inputs)[reckless(robot, states, step * robot.delta)]
-    told = controller.filter(states, step=0, wanted=wanted)
-    return Answer(np.asarray(told.inputs), np.asarray(told.promised), np.full(len(states), controller.table.steps))
+    at = 0 if robot.steps is None else step
+    told, left = controller.filter(states, at, wanted), controller.table.steps - (0 if robot.steps is None else at + 1)
+    return Answer(np.asarray(told.inputs), np.asarray(told.promised), np.full(len(states), left))
 
 
 def tube(robot: Robot, table: Table, points: FloatArray, step: int, left: FloatArray) -> FloatArray:
     """Level of the table's own tube at points (M, V, ndim) when the interval of a step ends: (M, V)."""
-    return table.values_at(points, 0 if robot.ever else step + 1, left)
+    return table.values_at(points, 0 if robot.steps is None else step + 1, left)
 
 
 def judged(
@@ -120,7 +123,7 @@ def judged(
     controller, begun = sdhj.Controller(table), starts(table, runs, seed)
     ways, promised = Counter[str](), 0
     by: list[str] = []
-    steps = steps if robot.ever or robot.steps is None else robot.steps
+    steps = robot.steps or steps
     for place, (name, adversary) in enumerate(ADVERSARIES.items()):
         ask, level = partial(says, robot, controller), partial(tube, robot, table)
         outcomes, kept = trial(robot, ask, level, adversary, begun, steps, np.random.default_rng([seed, place]))
@@ -132,29 +135,29 @@ def judged(
     return len(ADVERSARIES) * len(begun), ways.total(), promised, f"{told} (to {', '.join(by)})" if by else "none"
 
 
-def methods(robot: Robot) -> Iterator[tuple[str, sdhj.ReachAvoidProblem, Any]]:
-    """What a robot's problem is solved by: what to call it, the problem, the method."""
-    yield "hji", robot.problem(), sdhj.HJI()
+def methods(robot: Robot) -> Iterator[tuple[str, Robot, sdhj.ReachAvoidProblem, Any]]:
+    """What a robot's problem is solved by: what to call it, the robot as it is then judged, the problem, the method."""
+    counted = replace(robot, steps=robot.steps or ON_GRID)
+    yield "hji" if robot.steps else f"hji, {ON_GRID} steps", counted, counted.problem(), sdhj.HJI()
     if robot.stateless:
-        yield "lax", robot.problem(), sdhj.HopfLax()
+        yield "lax", counted, counted.problem(), sdhj.HopfLax()
     if robot.steep:
-        yield "hji, steep", robot.problem(sampling="steep"), sdhj.HJI()
+        yield "hji, steep", counted, counted.problem(sampling="steep"), sdhj.HJI()
     if robot.cells:
-        yield "certified", robot.problem(), sdhj.Certified(cells=robot.cells)
+        yield "certified", robot, robot.problem(), sdhj.Certified(cells=robot.cells)
 
 
 def rows(names: Sequence[str], runs: int, steps: int, seed: int, only: Sequence[str] = ()) -> Iterator[Row]:
     """A row for each robot and method, one after the other; `only` some methods, by default all."""
     for name in names:
-        robot = FLEET[name]()
-        for method, problem, solver in methods(robot):
+        for method, robot, problem, solver in methods(FLEET[name]()):
             if only and method not in only:
                 continue
             began = time.process_time()
             table = sdhj.solve(problem, solver, progress=False)
             share, solved = table.fraction(start=0, within=table.steps), time.process_time() - began
             nodes = " x ".join(map(str, table.shape if method == "certified" else robot.nodes))
-            says = {method: answer} if not robot.ever else {method: answer, f"{method}, filtered": filtered}
+            says = {method: answer} | ({f"{method}, filtered": filtered} if FLEET[name]().steps is None else {})
             for told, how in says.items():
                 began = time.process_time()
                 counts = judged(robot, table, runs, steps, seed, how)

@@ -89,7 +89,8 @@ class Limits:
     Attributes
     ----------
     problem : ReachAvoidProblem
-        What is solved again: the table's, with `steps` None if the table has settled.
+        What is solved again: the table's, with `steps` None if the table holds for ever, or finds its number; on nodes
+        `ENDLESS_STEPS` stand for that.
     own_axes : tuple of CellAxis
         The table's cells.
     steps : int
@@ -241,7 +242,8 @@ class Limits:
             yield "few steps", MORE_STEPS, lambda: self._on_nodes(steps=self._steps(2.0))
         if isinstance(problem.dynamics.drift, Formula) and problem.dynamics.gain is not None:
             yield "weak inputs", "stronger inputs", lambda: self._on_nodes(dynamics=problem.dynamics.stronger())
-        yield "", "a shorter interval", lambda: self._on_nodes(delta=problem.delta / 2, steps=self._steps(2.0))
+        steps = self._steps(2.0) or 2 * ENDLESS_STEPS
+        yield "", "a shorter interval", lambda: self._on_nodes(delta=problem.delta / 2, steps=steps)
 
     def _steps(self, factor: float) -> int | None:
         """So many times the problem's number of steps, at least one; None if it has no number."""
@@ -254,12 +256,13 @@ class Limits:
         """
         problem = self.problem
         cells = np.array([axis.count for axis in self.own_axes])
-        steps = problem.steps or ENDLESS_STEPS
+        steps = problem.steps or ENDLESS_STEPS  # no grid promises for ever
         tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
         share = min(cells.prod() / SHARE_OF_NODES, MOST_NODES)
         few = max(min(FEW_NODES, WORK / (len(problem.inputs) * tubes)), share)
         nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), FINER)), FEWEST_NODES) + 1
-        made = replace(problem, grid=replace(problem.grid, shape=tuple(nodes.astype(int).tolist())), **change)
+        grid: Any = replace(problem.grid, shape=tuple(nodes.astype(int).tolist()))
+        made = replace(problem, **({"grid": grid, "steps": steps} | change))
         sets = HJI().sets(made, False)
         recursion(sets, made.most_steps, lambda: None)
         return sets.finish({})

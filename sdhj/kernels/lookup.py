@@ -42,12 +42,8 @@ def _check_true_sets(rows, when, states, packs, reach_and_scores, table, space, 
     table : (stored_tubes, lattice), a `StoredTubes` and the grid's `Lattice`.
     space : (scratch, samples, work), overwritten, of `working_room`, `samples_for` and `work_for`.
     """
-    (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
-        when,
-        packs,
-        table,
-        space,
-    )
+    (step, within, _, checks), (ints, floats), (stored_tubes, lattice) = when, packs, table
+    scratch, samples, work = space
     times = part(ints, floats, CHECK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, packs, reach_and_scores, out, samples)
     while waiting > 0:
@@ -106,10 +102,10 @@ def _answer(rows, states, when, packs, stored, reach_and_scores, space, out):
         states[rows[r]].
     space : (scratch, samples, work), overwritten, of `working_room`, `samples_for` and `work_for`.
     """
-    (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
+    (step, within, steps, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
-    stored_tubes = StoredTubes(steps, game, index, tubes, marks, static, still, moving, timed)
+    stored_tubes = StoredTubes(steps, index, tubes, marks, static, still, moving, timed)
     for r in range(rows.size if checks != TRUE_SETS_ONLY else 0):
         box, room = (reach_and_scores[0], r if reach_and_scores[0].shape[3] > 1 else 0), (order, lattice, space[0])
         by_tubes(rows[r], states, (step, within), stored_tubes, box, reach_and_scores[2], room, out)
@@ -127,11 +123,10 @@ def decide(states, rows, when, packs, stored, reach_and_scores, out):
 
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
-    when : (step, within, steps, game, checks)
+    when : (step, within, steps, checks)
         step: k. within: inputs are judged by the tube of the fewest steps to go, but by that of `within` steps, at
-        least 1, where this is more. steps: N. game: as in `StoredTubes`. checks: `TUBES`, the tubes alone;
-        `TRUE_SETS_TOO`, then the look at the true sets; or `TRUE_SETS_ONLY`, that look alone, which begins with what is
-        in `out`.
+        least 1, where this is more. steps: N. checks: `TUBES`, the tubes alone; `TRUE_SETS_TOO`, then the look at the
+        true sets; or `TRUE_SETS_ONLY`, that look alone, which begins with what is in `out`.
     packs : (ints, floats)
         What is `packed` of the problem at this step (`sdhj.kernels.tubes` says what).
     stored : (index, tubes, marks, static, moving)
@@ -141,12 +136,12 @@ def decide(states, rows, when, packs, stored, reach_and_scores, out):
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
         share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where packs has a tape for
         these, it is played, and `ends` is not read. scores: which safe input is preferred: that of least
-        score, of equals that of least depth. normals: those of the planes that states end between, where states are in
+        score, of equals that of least margin. normals: those of the planes that states end between, where states are in
         no sum of a box and segments; behind the path `ends` then has the greatest n . x for each normal n, `ndim` of
         these in a term.
-    out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
-        Written in place for the given rows. to_go is -1 where no tube holds the state; safe is False, margins and
-        depths inf and best -1 there and at the last step. Without a `game`, depths is the array margins.
+    out : (to_go (M,), safe (M, L), margins (M, L), best (M,))
+        Written in place for the given rows. to_go is -1 where no tube holds the state; safe is False, margins inf
+        and best -1 there and at the last step.
 
     Returns
     -------
@@ -162,7 +157,7 @@ def decide(states, rows, when, packs, stored, reach_and_scores, out):
     near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
     scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
     boxes = near[: terms if normals is None else PATH]
-    samples = samples_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
+    samples = samples_for(width if when[3] != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
     work = work_for(slots, min(BLOCK, width * max(count, 1)))

@@ -173,26 +173,26 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
 
 @kernel(**UNCOUNTED)
-def next_input(known, safe, scores, depth, hazard, first):
+def next_input(known, safe, scores, margins, hazard, first):
     """The number of the input to look at next; if it has a verdict already, it is the answer.
 
-    Of the safe inputs that have not failed that of least score, of equals that of least depth. Where there is none,
-    `first`, the best by the tubes; where that has failed, of those that have not the one for which the larger of depth
+    Of the safe inputs that have not failed that of least score, of equals that of least margin. Where there is none,
+    `first`, the best by the tubes; where that has failed, of those that have not the one for which the larger of margin
     and hazard is least; else `first`. Nothing is written.
 
-    known (L,) : `UNKNOWN`, `PASSES` or `FAILS`. safe (L,) : bool. scores, depth, hazard (L,) : the preference, the
-        depth and the avoid tube of each input, less is better.
+    known (L,) : `UNKNOWN`, `PASSES` or `FAILS`. safe (L,) : bool. scores, margins, hazard (L,) : the preference, the
+        margin and the avoid tube of each input, less is better.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
         if safe[j] and known[j] != FAILS:
             better = best < 0 or scores[j] < scores[best]
-            if better or (scores[j] == scores[best] and depth[j] < depth[best]):
+            if better or (scores[j] == scores[best] and margins[j] < margins[best]):
                 best = j
     if best >= 0 or known[first] != FAILS:
         return best if best >= 0 else first
     for j in range(safe.size):
-        worse = max(depth[j], hazard[j])
+        worse = max(margins[j], hazard[j])
         if known[j] != FAILS and worse < least:
             best, least = j, worse
     return best if best >= 0 else first
@@ -210,10 +210,10 @@ def propose(waiting, within, states, rows, packs, reach_and_scores, out, samples
         times), all inputs pass.
     within : inputs are judged for as many steps to go, at least. states (M, ndim), rows (R,) : all states, and the
         numbers of those at hand.
-    packs, reach_and_scores, out : (ints, floats), (ends, scores, normals) and (to_go, safe, margins, best, depths), as
+    packs, reach_and_scores, out : (ints, floats), (ends, scores, normals) and (to_go, safe, margins, best), as
         `lookup.decide` describes them. samples : what `samples_for` returned, in place.
     """
-    (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
+    (to_go, safe, margins, best), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores, normals) = packs, reach_and_scores
     lattice, some = unpacked_lattice(ints, floats), 0
     times, faces = part(ints, floats, CHECK_TIMES), part(ints, floats, AT_FACES)
@@ -226,7 +226,7 @@ def propose(waiting, within, states, rows, packs, reach_and_scores, out, samples
         waiting, some = some, 0
     for k in range(waiting):
         r, m = queue[0, k], rows[queue[0, k]]
-        j = next_input(verdicts[r], safe[m], scores[m], depths[m], hazard[r], queue[1, r])
+        j = next_input(verdicts[r], safe[m], scores[m], margins[m], hazard[r], queue[1, r])
         best[m], queue[1, r] = j, j if queue[1, r] < 0 else queue[1, r]
         if verdicts[r, j] == UNKNOWN:
             box = ends, r if ends.shape[3] > 1 else 0
@@ -274,12 +274,12 @@ def judge(waiting, rows, checks, count, out, samples):
     then. A lost state waits for none, but with `TRUE_SETS_ONLY`.
 
     waiting : how many states wait. rows (R,) : the numbers of the states at hand. checks : `TRUE_SETS_TOO`, or
-        `TRUE_SETS_ONLY`: then of a lost state only to_go says so, and safe, margins, best and depths are not reset.
+        `TRUE_SETS_ONLY`: then of a lost state only to_go says so, and safe, margins and best are not reset.
     count : how many points each state has, 1 for the state alone.
-    out : (to_go, safe, margins, best, depths), as of `lookup.decide`, in place. samples : what `samples_for` returned;
+    out : (to_go, safe, margins, best), as of `lookup.decide`, in place. samples : what `samples_for` returned;
         verdicts and queue are written.
     """
-    (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, unsafe_values, target_values) = out, samples
+    (to_go, safe, margins, best), (queue, verdicts, _, _, past, unsafe_values, target_values) = out, samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
     for k in range(waiting):
         r, m = queue[0, k], rows[queue[0, k]]
@@ -298,7 +298,7 @@ def judge(waiting, rows, checks, count, out, samples):
         if lost:
             to_go[m] = -1
         if lost and checks != TRUE_SETS_ONLY:
-            safe[m], margins[m], best[m], depths[m] = False, np.inf, -1, np.inf
+            safe[m], margins[m], best[m] = False, np.inf, -1
         elif not passes:
             safe[m, j] = False
             queue[0, some] = r
@@ -314,7 +314,7 @@ def evaluate(waiting, rows, packs, times, out, samples, work):
     whether all are finite. If not, not all are written.
 
     waiting : how many states wait. rows (R,) : the numbers of the states at hand. packs, out : (ints, floats) and
-        (to_go, safe, margins, best, depths), as `lookup.decide` describes them. times (count,) : of the points of a
+        (to_go, safe, margins, best), as `lookup.decide` describes them. times (count,) : of the points of a
         state. samples : what `samples_for` returned, with the points of `propose`. work : of `tape.work_for`, with room
         for both tapes.
     """

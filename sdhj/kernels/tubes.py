@@ -19,7 +19,6 @@ PATH = 4
 A_CELL = 4.0  # intervals between the points at which segments are looked at, for a cell of half their length
 SLABS_A_CELL = 4.0  # that what lies between planes is cut into, for a cell
 MOST_POINTS = 4096  # of sums of segments, or slabs, that are looked at: of more the box is taken
-CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
 
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
 # are taken; the times of the V points that are looked at, the path first, then the state and the corners; (6, ndim):
@@ -37,8 +36,6 @@ class StoredTubes(NamedTuple):
     """A look-up table as compiled code reads it, every function on a grid flat, in an array of `size` nodes.
 
     steps : N.
-    game : the index in `tubes` of the values by which inputs are preferred for ever; -1 where those of the next tube
-        are.
     index : (entries,), the index of each (start, within) in tubes and marks.
     tubes, marks : (T, size), the level-set functions, and (T, bytes, size) uint8, a bit for each input.
     static, static_axes : the avoid tubes of sets that stand still, (L, size of the subgrid), and the subgrid's axes.
@@ -46,7 +43,6 @@ class StoredTubes(NamedTuple):
     """
 
     steps: int
-    game: int
     index: Any
     tubes: Any
     marks: Any
@@ -66,7 +62,6 @@ class LookupScratch(NamedTuple):
         and those behind it have. offsets : (size,), where its nodes are on the grid.
     values : (2 size,); what is left when the maxima along the axes before axis a are taken begins at values[rest[a]],
         behind all that is left later.
-    centre : (ndim,), of the box of an input.
     moved : (2 + K, L, ndim, 1). With segments the boxes around one point of their sum, and in [2 + k, j, 0] how many
         points of segment k are looked at; with planes the boxes around one slab of what lies between them, and in [2,
         j] into how many slabs it is cut along each axis.
@@ -82,7 +77,6 @@ class LookupScratch(NamedTuple):
     rest: Any
     offsets: Any
     values: Any
-    centre: Any
     moved: Any
     held: Any
 
@@ -371,29 +365,6 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 
 @kernel(**UNCOUNTED)
-def _depths(stored_tubes, state, box, normals, space, out):
-    """out[j] = (1 - CENTRE) * (the largest value of the game in the box of input j) + CENTRE * (that at its centre).
-
-    Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
-    has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
-
-    box : (ends, column), of `lookup.decide`, what inputs lead to, and the state's column there. normals : of planes, or
-        None. space : (order, lattice, scratch), the order in which maxima are taken along the axes, the grid, and a
-        `LookupScratch`. out (L,) : overwritten.
-    """
-    (ends, column), (_, lattice, scratch) = box, space
-    _worst_values(stored_tubes.tubes[stored_tubes.game], state, box, normals, space, out)
-    centre, index, weight = scratch.centre, scratch.index[1], scratch.weight[1]
-    for j in range(out.size):
-        for axis in range(state.size):
-            centre[axis] = state[axis] + 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
-        count = nodes_around(centre, scratch.axes, lattice, TINY, index, weight)
-        out[j] = (1.0 - CENTRE) * out[j] + CENTRE * weighted(
-            stored_tubes.tubes, stored_tubes.game, index, weight, count
-        )
-
-
-@kernel(**UNCOUNTED)
 def _hazard(stored_tubes, step, j, scratch, still, moving):
     """The interpolated avoid tube of input j over the interval from a step: <= 0 where the input is safe.
 
@@ -407,19 +378,19 @@ def _hazard(stored_tubes, step, j, scratch, still, moving):
 
 
 @kernel(**UNCOUNTED)
-def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
-    """Write whether each input is safe to safe (L,), for a state at a step, and return the best input by depth.
+def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
+    """Write whether each input is safe to safe (L,), for a state at a step, and return the best input.
 
     An input is safe by marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the
-    safe one of least depth; where none is safe, the one whose larger of depth and avoid tube is least, among those that
-    are marked if any is. See `notebooks/site/queries.md`.
+    safe one of least margin; where none is safe, the one whose larger of margin and avoid tube is least, among those
+    that are marked if any is. See `notebooks/site/queries.md`.
 
-    margin, depth (L,) : of each input. scratch : a `LookupScratch`, with `marked` as `_marked_by_all` wrote it.
+    margin (L,) : of each input. scratch : a `LookupScratch`, with `marked` as `_marked_by_all` wrote it.
     """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
         safe[j] = scratch.marked[j] and margin[j] <= 0.0
-        if safe[j] and (best < 0 or depth[j] < depth[best]):
+        if safe[j] and (best < 0 or margin[j] < margin[best]):
             best = j
     if best >= 0:
         return best
@@ -427,14 +398,14 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, de
     moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(safe.size):
         safe[j] = margin[j] <= 0.0 and _hazard(stored_tubes, step, j, scratch, still, moving) <= 0.0
-        if safe[j] and (best < 0 or depth[j] < depth[best]):
+        if safe[j] and (best < 0 or margin[j] < margin[best]):
             best = j
     if best >= 0:
         return best
     best, least = 0, np.inf
     for j in range(safe.size):
-        worse = max(depth[j], _hazard(stored_tubes, step, j, scratch, still, moving))
-        one, other = stored_tubes.game < 0 and scratch.marked[j], stored_tubes.game < 0 and scratch.marked[best]
+        worse = max(margin[j], _hazard(stored_tubes, step, j, scratch, still, moving))
+        one, other = scratch.marked[j], scratch.marked[best]
         if one > other or (one == other and worse < least):
             best, least = j, worse
     return best
@@ -447,29 +418,24 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     when : (step, within), within at least 1. box : (ends, column), of `lookup.decide`, what inputs lead to, and the
         state's column there. normals : of planes, or None.
     space : (order, lattice, scratch), the order in which maxima are taken along the axes, the grid, and a
-        `LookupScratch` whose hull holds the boxes. out : (to_go, safe, margins, best, depths), as of `lookup.decide`.
+        `LookupScratch` whose hull holds the boxes. out : (to_go, safe, margins, best), as of `lookup.decide`.
     """
-    (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
+    (_, lattice, scratch), (to_go, safe, margins, best), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
-    to_go[m], safe[m], margins[m], best[m], depths[m] = -1, False, np.inf, -1, np.inf
+    to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
     if not on_grid(state, lattice):
         return
     count = nodes_around(state, scratch.axes, lattice, TINY, index, weight)
-    if stored_tubes.game < 0:
-        to_go[m] = _fewest_steps(stored_tubes, here, steps - step, index, weight, count)
-    elif weighted(stored_tubes.tubes, stored_tubes.game, index, weight, count) <= 0.0:
-        to_go[m] = steps - step
+    to_go[m] = _fewest_steps(stored_tubes, here, steps - step, index, weight, count)
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
     _worst_values(tube, state, box, normals, space, margins[m])
-    if stored_tubes.game >= 0:
-        _depths(stored_tubes, state, box, normals, space, depths[m])
-    best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
+    best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m])
 
 
 @kernel(**UNCOUNTED)
@@ -526,7 +492,7 @@ def working_room(columns, ndim, inputs, size, segments, held):
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
     sums = np.empty((2 + segments, inputs, ndim, 1)), held
-    return LookupScratch(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
+    return LookupScratch(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, *sums)
 
 
 @kernel(nogil=True)
@@ -540,7 +506,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
-    stored_tubes = StoredTubes(0, -1, *nothing, static, axes[0], moving, axes[1])
+    stored_tubes = StoredTubes(0, *nothing, static, axes[0], moving, axes[1])
     scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
     for m in range(out.shape[0]):
         hazards(stored_tubes, step, states[m], lattice, scratch, out[m])

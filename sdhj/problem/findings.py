@@ -30,7 +30,7 @@ class ResolutionWarning(UserWarning):
 class UnsettledWarning(UserWarning):
     """The sets of a problem without a number of steps were still changing when the solve ended.
 
-    What is promised then holds for as many steps as were solved, not for ever. More nodes or a longer delta help.
+    What is promised then holds for as many steps as were solved, not for ever. More cells or a longer delta help.
 
     Examples
     --------

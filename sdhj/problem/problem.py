@@ -53,7 +53,8 @@ class ReachAvoidProblem(Sampled):
         Length of a sampling interval, s.
     steps : int, or None
         N, the number of sampling intervals. None: as many as it takes until one more changes nothing, to reach the
-        target eventually or to stay safe for ever; nothing may then depend on time. The table's problem has the number.
+        target eventually or to stay safe for ever, by method "certified"; nothing may then depend on time. The table's
+        problem has the number.
         Where anything depends on time there are N (N + 1) / 2 tubes instead of N: `sdhj.estimate` says what that costs.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
@@ -72,7 +73,8 @@ class ReachAvoidProblem(Sampled):
 
     Examples
     --------
-    A robot that is to stay between the two ends of its track for ever, so without a target:
+    A robot that is to stay between the two ends of its track for ever, so without a target; an input is stronger than
+    the push:
 
     >>> import sdhj
     >>> speeds = [[-1.0], [1.0]]  # m/s
@@ -84,8 +86,8 @@ class ReachAvoidProblem(Sampled):
     ...     delta=0.1,
     ...     steps=None,
     ... )
-    >>> sdhj.solve(problem).contains([[0.0], [0.99]], start=0)
-    array([ True, False])
+    >>> sdhj.solve(problem).contains([[0.0], [0.99], [1.01]], start=0)
+    array([ True,  True, False])
     """
 
     if TYPE_CHECKING:  # what is given, where the fields are what is made of it

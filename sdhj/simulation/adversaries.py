@@ -21,7 +21,6 @@ SUBSTEPS = 20  # parts of an interval: the adversary decides at the start of eac
 TURNS = 5  # of an interval: how often the greedy adversary decides
 STRIDES = 3  # in which it looks ahead
 LOST = np.finfo(np.float64).max  # worse than any level-set value
-RECKLESS = 5  # intervals for which a reckless commander looks ahead, twice in each
 
 
 @dataclass(frozen=True)
@@ -237,22 +236,6 @@ def greedy(moment: Moment) -> FloatArray:
         ahead = moment.interval.advance(ahead, held, v, t, h)
         least = np.minimum(least, level_of_unsafe(moment.problem, ahead, t + h, held))
     return signs[least.reshape(len(signs), count).argmin(axis=0)] * moment.bounds
-
-
-def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> FloatArray:
-    """For each state (M, ndim) the index of the input that comes nearest to what is unsafe: (M,) int.
-
-    Nearest is the least value of `level_of_unsafe`, twice in each interval, if the input is held for `RECKLESS`
-    intervals from `step` on without a disturbance; of equals it is the first.
-    """
-    count, inputs, interval = len(states), len(problem.inputs), problem.interval(step)
-    held, ahead = np.repeat(np.arange(inputs), count), np.tile(states, (inputs, 1))
-    still, least = np.zeros((len(held), problem.dynamics.disturbance_dim)), np.full(len(held), np.inf)
-    for half in range(2 * RECKLESS):
-        t = problem.time(step) + half * problem.delta / 2
-        ahead = interval.advance(ahead, held, still, t, problem.delta / 2)
-        least = np.minimum(least, level_of_unsafe(problem, ahead, t + problem.delta / 2, held))
-    return least.reshape(inputs, count).argmin(axis=0)
 
 
 def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:

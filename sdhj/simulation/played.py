@@ -12,21 +12,19 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import whole
 from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, name_of, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
 from sdhj.solver.gaps import gaps
 from sdhj.solver.resolution import costly_error_finding
-from sdhj.table.batches import Batch, Table
+from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
 ALARMING = 0.02  # a solve warns where, with 95 % confidence, more than this share of the runs is lost
 FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
 SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated by the two costs below
 NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
-EVER = 60  # steps of a run at the end of a solve without a number of steps
-FILTERED = 20_000  # states ahead for which a commander looks at what comes nearest, and so many runs behind the filter
 NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
 EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
 MOST_CORNERS = 2**23  # numbers
@@ -94,32 +92,6 @@ class Played:
             message += f", {self.outside_lost} of {self.outside} from outside the target"
         ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
         return Finding(message + (f": {ways}. " if self.lost else ""), self.lost / self.runs, self.advice)
-
-
-class Commanded(Controller):
-    """A controller that applies what its filter makes of the inputs that a reckless commander wants (`wanted`).
-
-    It tests the filter of a table, step by step (`_check_safe_for_ever`).
-    """
-
-    def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
-        """The inputs, by index, that the filter applies for the wanted ones: (M,) int; `before` is ignored."""
-        return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
-
-    def wanted(self, batch: Batch) -> FloatArray:
-        """The input, by index, that drives at what is unsafe, for each state of a batch: (M,) int (`reckless`)."""
-        return reckless(self.problem, batch.states, batch.step)
-
-
-class Fleeing(Commanded):
-    """A controller that applies what its filter makes of the inputs that keep farthest from the boundary (`wanted`).
-
-    Such a commander may be driven to where the set closes.
-    """
-
-    def wanted(self, batch: Batch) -> FloatArray:
-        """The input, by index, of the least margin, safe or not, for each state of a batch: (M,) int."""
-        return batch.margins.argmin(axis=1)
 
 
 def played(
@@ -249,11 +221,9 @@ def check_by_runs(table: Table) -> dict[str, Any]:
         tell(_cause_of_empty_tube(table, share))
     if share < NEARLY_EMPTY:
         return {}
-    ever, mean = table.problem.has_no_target and table.details.get("endless"), max(table.steps / 2, 1)
+    mean = max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
-    if ever:
-        return _check_safe_for_ever(table, runs)
     runs = MOST_PLAYED if (remedy := _advice_on_gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
@@ -267,29 +237,6 @@ def check_by_runs(table: Table) -> dict[str, Any]:
         tell(found.finding("of what this table promises "))
     counts = {name: getattr(found, name) for name in ("runs", "lost", "outside", "outside_lost")}
     return {"played": counts | {"ways": dict(found.ways)}}
-
-
-def _check_safe_for_ever(table: Table, runs: int) -> dict[str, Any]:
-    """Check a table that stays clear for ever by `runs` simulated runs, against a greedy adversary.
-
-    First the controller runs; then, in fewer runs each, the filter behind a commander who drives at what must not be
-    touched (`Commanded`), and behind one who flees (`Fleeing`). Warns of broken promises, and returns {"played":
-    counts} for the table's details.
-    """
-    few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
-    alone = _played(Controller(table), runs, "greedy", 0, EVER)
-    behind, fled = (_played(kind(table), few, "greedy", 1, EVER) for kind in (Commanded, Fleeing))
-    where = (
-        "of what this table promises for ever",
-        "behind its filter, from a commander who drives at what is unsafe,",
-        "behind its filter, from a commander who keeps far from the boundary,",
-    )
-    for found, opening in zip((alone, behind, fled), where, strict=True):
-        if found.interval[0] > ALARMING:
-            tell(found.finding(f"{opening} "))
-    filtered = Counter(behind.ways) + Counter(fled.ways)
-    ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in filtered.items()}
-    return {"played": {"runs": alone.runs + 2 * few, "lost": alone.lost + behind.lost + fled.lost, "ways": ways}}
 
 
 def _cause_of_empty_tube(table: Table, share: float) -> Finding:

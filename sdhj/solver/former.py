@@ -217,8 +217,8 @@ class Former:
     same_target : bool
         Whether the targets are equal, or both problems have none.
     entries_may_be_copied : bool
-        Whether entries of the recursion may be copied: the problems are alike, both have a target or neither has, and
-        the table is not one that stays clear for ever.
+        Whether entries of the recursion may be copied: the problems are alike, and both have a target or neither
+        has.
     keys : list of (bool, key)
         For each danger of the table's problem whether it moves, and its `key`.
     avoid_tubes_by_danger : dict
@@ -236,8 +236,7 @@ class Former:
         self.same_target = both and (
             problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
         )
-        # the set that is safe for ever has no rows, and without a target they are made otherwise
-        self.entries_may_be_copied = self.alike and both and not (was.has_no_target and table.details.get("endless"))
+        self.entries_may_be_copied = self.alike and both  # without a target they are made otherwise
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
         self.avoid_tubes_by_danger: dict[Meaning, list[FloatArray]] = {}
         self.frame_solutions: dict[tuple[int, int], FloatArray] = {}

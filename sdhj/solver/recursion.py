@@ -11,7 +11,6 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -19,8 +18,8 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.union import AvoidRows, add_inputs
 from sdhj.problem.boxes import Maxima
-from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
-from sdhj.problem.findings import Finding, UnsettledWarning, tell
+from sdhj.problem.cost import Cost, begin, multiplied
+from sdhj.problem.findings import tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
@@ -33,11 +32,9 @@ from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, read_window
 from sdhj.table.batches import Table
 from sdhj.table.store import Memory, Store
-from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
+from sdhj.table.table import AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
-CREEPING = 0.2  # cells a step: a boundary that moves by less is where it is, but for how the scheme wears it down
-STEPS_TOLD = 1, 20, 60  # steps of which a warning says what a table has
 STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
@@ -78,48 +75,6 @@ class TubeSets(Protocol):
         """The table of all entries; the items of `details`, plain values by name, are added to the table's details."""
 
 
-def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
-    """The finding that a solve with steps=None ended before its tube had settled; the caller has found that it did.
-
-    steps : after how many steps the solve ended.
-    share : the part of the nodes or cells, 0 to 1, that the last of these steps still changed.
-    """
-    holds = "the tube is safe for so many steps, not for ever"
-    holds = holds if problem.has_no_target else "the tubes hold for so many steps"
-    return Finding(
-        f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. ",
-        share,
-        "Use more nodes, a longer delta, or give the problem a number of steps",
-        UnsettledWarning,
-    )
-
-
-def worn_down_finding(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None) -> Finding | None:
-    """The finding that most of a set that should be safe for ever was lost while its boundary crept, or None.
-
-    It is made if, after the last step, less than half is left of what was left when the boundary began to creep.
-
-    shares : by the number of steps, what share of the state space, 0 to 1, was in the set after these; not empty.
-    creeping : the number of steps, a key of `shares`, after which the boundary first moved by less than `CREEPING`
-        cells a step; None if it never did.
-    """
-    last = max(shares)
-    if creeping is None or shares[creeping] <= 2.0 * shares[last]:
-        return None
-    told = [n for n in STEPS_TOLD if n < last]
-    states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
-    moved = np.abs(problem.interval(0).displacements(states) / np.array(problem.grid.spacing)).max(axis=(1, 2)).mean()
-    so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
-    return Finding(
-        f"the set that is safe for ever shrank away by less than {CREEPING:g} cells a step: {so_far}, "
-        f"{shares[last]:.3f} after {last} steps. {problem.delta:g} s move the robot by {moved:.2g} of a cell, and each "
-        "interval wears the set down by the scheme's error. ",
-        shares[last],
-        "If it is that, a longer delta or more nodes help; or give the problem a number of steps: "
-        f"steps={told[-1]} has {shares[told[-1]]:.3f}",
-    )
-
-
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
     """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place.
 
@@ -146,8 +101,6 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     """
     grid, count, dynamics, found = problem.grid, len(problem.inputs), problem.dynamics, dangers(problem)
     layout = Plan(problem, HJIGames, dtype, tuple(map(AvoidGame, found))).layout
-    if problem.steps is None:  # `extend` checks each
-        layout = replace(layout, tubes=3)
     past, times = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim, 1
     # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
     wide = [danger.problem.grid for danger in found if danger.problem.grid != grid]
@@ -171,7 +124,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     games: Any = plan.whole_games if slabs == 1 else plan.make_games(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
         return None
-    played, steps, timed = problem.padded, problem.steps or ENDLESS_STEPS, problem.dynamics.depends_on_time
+    played, steps, timed = problem.padded, problem.steps, problem.dynamics.depends_on_time
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
@@ -511,6 +464,21 @@ class Slabs(NamedTuple):
     tick: Callable[[int], Any] = lambda slabs: None
 
 
+def _require_steps(problem: ReachAvoidProblem, name: str) -> None:
+    """Raise ValueError, with what to do, where a problem has no number of steps; name : of the method on a grid."""
+    if problem.steps is None and problem.has_no_target:
+        raise ValueError(
+            "steps=None asks for ever, and on a grid an error at the boundary adds up from step to step. Use "
+            "method='certified' (a BlackBox needs enclosure= or slope= there), or give steps=N: safe for N steps from "
+            "step 0, asked at steps 0, 1, ..., N"
+        )
+    if problem.steps is None:
+        raise ValueError(
+            f"method {name!r} needs a number of steps: give steps=60, say; steps_to_go tells where fewer are enough. "
+            "method='certified' finds the number by itself"
+        )
+
+
 class GridSets:
     """S_k as level-set functions on the grid: `TubeSets` for every method that plays its games there.
 
@@ -533,15 +501,11 @@ class GridSets:
         Over `arrays`; entries are undefined until they are filled in.
     shared : int
         Entries that are the tube of another entry.
-    filled, changing : int, float
-        As in `TubeSets`; only with steps=None.
-    shares : dict
-        By the number of steps, the share of the state space in the tube; only with steps=None.
-    creeping : int or None
-        After how many steps the boundary first moved by less than `CREEPING` cells a step; only with steps=None.
 
     Raises
     ------
+    ValueError
+        If the problem has no number of steps.
     MemoryError
         Without `slabs`, if `memory_needed` exceeds the available memory.
     """
@@ -554,6 +518,7 @@ class GridSets:
         slabs: "Slabs | None" = None,
     ) -> None:
         """Solve the avoid games; without `slabs` first check memory, state the cost, warn of a coarse grid."""
+        _require_steps(problem, method.name)
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
@@ -568,9 +533,7 @@ class GridSets:
         self.run = slabs.run
         self._avoid_tubes()
         self.table = self.arrays.table(problem, method.name, LookupTable.unshared_index(problem))
-        self.shared, self.filled, self.changing = 0, 0, 1.0
-        self.shares: dict[int, float] = {}  # of the state space, without a number of steps
-        self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
+        self.shared = 0
 
     @property
     def games(self) -> Any:
@@ -588,12 +551,11 @@ class GridSets:
         """
         dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
-        number = LookupTable.most_tubes(problem) if problem.steps else ENDLESS_STEPS
-        why = multiplied(problem, number, problem.grid.size, "nodes")
+        why = multiplied(problem, LookupTable.most_tubes(problem), problem.grid.size, "nodes")
         remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
         require_memory(needed, "this solve", f"it has {why}; use {remedies}")
         plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.padded))), former=former)
-        begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
+        begin(lambda: cost_on_grid(plan, needed))
         check_resolution(problem)
         return plan
 
@@ -654,36 +616,16 @@ class GridSets:
         self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
     def extend(self, step: int, within: int) -> None:
-        """Write the entry (step, within) from (step, within - 1) and (step + 1, within - 1), on all slabs.
-
-        With steps=None also sets `filled`, `changing` and `shares`; MemoryError where one more entry does not fit.
-        """
-        table, endless = self.table, self.problem.steps is None
-        if endless:
-            require_memory(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
+        """Write the entry (step, within) from (step, within - 1) and (step + 1, within - 1), on all slabs."""
+        table = self.table
         places = [table.tube_index(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
         self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
         if self.former and patch:
             self.former.keep_frame_solution(patch, step, within)
-        if endless:
-            tube, before = table.value_array(step, within), table.value_array(step, within - 1)
-            self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
-            self.shares[within] = table.fraction(within=within)
 
     def unchanged(self, step: int, within: int) -> bool:
-        """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit.
-
-        With steps=None: whether the boundary moved by at most `SETTLED` cells in the last step and, without a target,
-        its unrest is at most `RESTLESS`; also sets `creeping`.
-        """
-        if self.problem.steps is None:
-            motion = self.table.boundary_speed(step, within)
-            if self.creeping is None and motion <= CREEPING:
-                self.creeping = within
-            return motion <= SETTLED and (
-                not self.problem.has_no_target or self.table.level_set_speed(within) <= RESTLESS
-            )
+        """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit."""
         one, other = (self.table.value_array(step, n) for n in (within, within - 1))
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
@@ -694,21 +636,8 @@ class GridSets:
         self.tick(self.plan.layout.slabs)
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table. Its details are the method's options, counts of PDEs and shared tubes, and `details`.
-
-        With steps=None it is the settled table (`LookupTable.settled`), and a warning says so if the tube has not
-        settled or was worn down.
-        """
-        table, endless = self.table, self.problem.steps is None
-        if endless:
-            share, motion = table.fraction(within=self.filled), table.boundary_speed(0, self.filled)
-            settled = self.shared > 0 or motion <= SETTLED
-            table = table.settled(self.filled - QUIET if settled and not self.problem.has_no_target else self.filled)
-            if not settled:
-                tell(unsettled_finding(self.problem, self.filled, self.changing))
-            if self.problem.has_no_target:
-                tell(worn_down_finding(self.problem, self.shares, self.creeping))
-        steps = table.steps
+        """The table. Its details are the method's options, counts of PDEs and shared tubes, and `details`."""
+        steps = self.table.steps
         avoid = sum(steps if self.problem.moves(unsafe_set) else 1 for unsafe_set in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         found: dict[str, Any] = {
@@ -717,7 +646,4 @@ class GridSets:
             "tubes_shared": self.shared,
             "shifted": bool(getattr(self.games, "shifted", False)),
         }
-        if endless:
-            given_up = share - table.fraction(start=0)
-            found |= {"endless": True, "settled": settled, "motion": min(motion, 1.0), "given_up": given_up}
-        return table.finish(self.options | found | dict(details))
+        return self.table.finish(self.options | found | dict(details))

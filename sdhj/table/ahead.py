@@ -93,7 +93,7 @@ def choose_by_true_sets(
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points
-    out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
+    out = batch.steps_to_go, batch.safe, batch.margins, batch.best
     sets = 1 + conditional(problem)  # all together; and those that are unsafe under some inputs
     under = np.repeat(np.array([-1, 1]), len(problem.inputs))
     samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)

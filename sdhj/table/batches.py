@@ -52,12 +52,8 @@ class Batch(NamedTuple):
         The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
         are in it. +inf for states that are not admissible, and at the last step.
     best : (M,) int array
-        The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
+        The safe input of least margin; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
-    game : (M, L) array, or None
-        Only of tables on a grid that stay clear for ever, whose margins are distances: three quarters of the game's
-        largest value over the states to which the input and any disturbance can lead, and a quarter of its value in the
-        middle of them.
     """
 
     states: FloatArray
@@ -67,12 +63,6 @@ class Batch(NamedTuple):
     safe: FloatArray
     margins: FloatArray
     best: FloatArray
-    game: FloatArray | None = None
-
-    @property
-    def depths(self) -> FloatArray:
-        """What inputs are preferred by, the least first: `game` if there is one, else the margins; (M, L)."""
-        return self.margins if self.game is None else self.game
 
     @property
     def steps_after(self) -> FloatArray:
@@ -146,11 +136,6 @@ class Table(ReadOnly):
     def grid(self) -> Grid:
         """The problem's grid."""
         return self.problem.grid
-
-    @property
-    def game(self) -> int:
-        """Position of the game's value in `tubes`, for a table on a grid that stays clear for ever; else -1."""
-        return -1
 
     @cached_property
     def steps(self) -> int:
@@ -407,17 +392,16 @@ class Table(ReadOnly):
         step : k; ValueError unless it is a whole number from 0 to N.
         within : an input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go. Above
         N - step, and without a target always, N - step is used.
-        scores : (M, L), or None for the depths. `best` is the safe input of least score that also passes the check with
-        the true sets, and of equals that of least depth.
+        scores : (M, L), or None for the margins. `best` is the safe input of least score that also passes the check
+        with the true sets, and of equals that of least margin.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
         within = steps - step if problem.has_no_target else min(within, steps - step)
         count, shape = len(states), (len(states), len(problem.inputs))
         to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
-        game = np.empty(shape) if self.game >= 0 else None
-        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best, game)
-        scores = batch.depths if scores is None else scores
+        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best)
+        scores = batch.margins if scores is None else scores
         share_out(self.grid, states, lambda rows: self._fill_in_and_check(batch, scores, TRUE_SETS_TOO, rows))
         if problem.has_no_target:
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
@@ -469,7 +453,7 @@ class Table(ReadOnly):
     def _fill_in_by_tubes(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         """To be implemented: fill in some rows (R,) of a batch in place from the tubes alone, without the true sets.
 
-        These are steps_to_go, safe, margins, game if there is one, and best, by depth. Without a target steps_to_go is
+        These are steps_to_go, safe, margins, and best, by margin. Without a target steps_to_go is
         0 for states in the tube, else -1. Called from several threads at once, for different rows.
 
         rows : (R,) int.
@@ -482,7 +466,7 @@ class Table(ReadOnly):
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
         """For each state the safe input of least score (M, L) that the true sets pass: (M,) int.
 
-        Of equals it is that of least depth; if no safe input passes, it is `Batch.best`; -1 for states that are not
+        Of equals it is that of least margin; if no safe input passes, it is `Batch.best`; -1 for states that are not
         admissible and at the last step. The batch, which must be one of this table's, is not changed.
         """
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)

@@ -20,9 +20,7 @@ from sdhj.table.beside import Fallback, Filtered, commands_of, fallbacks, predic
 from sdhj.table.rules import RULES, Candidates, Rule
 
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
-RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
-SHIELDED = 1 / 3  # cells: what an input must keep that the filter lets pass, where not all is for ever
-DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, that it must keep too
+SHIELDED = 1 / 3  # cells: what an input must keep on a grid that the filter lets pass
 
 
 class NotAdmissible(ValueError):
@@ -100,12 +98,10 @@ class Controller:
     rule : {"deepest", "effort", "target", "clearance"}, CostToGo or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
-        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
-        ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
-        keeps a reserve of `RESERVE` cells and the share `DEPTH_KEPT` of the depth that the deepest safe input has;
-        if none does, "deepest" decides. A rule with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked
-        of all inputs after which the target can still be reached by the last step (`allowed`), and the step has to be
-        given always: `safe_inputs`, `batch` and `step` speak of these inputs, too.
+        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. A rule
+        with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked of all inputs after which the target can
+        still be reached by the last step (`allowed`), and the step has to be given always: `safe_inputs`, `batch` and
+        `step` speak of these inputs, too.
 
     Attributes
     ----------
@@ -326,7 +322,7 @@ class Controller:
         step : k; None where nothing depends on time.
         within : inputs are safe that lead into the tube with max(steps_to_go, within) - 1 steps to go; None: by the
             rule (`_within`).
-        scores : (1, L), the safe input of least score is `Batch.best`; None: by depth. `Table.answers` explains both.
+        scores : (1, L), the safe input of least score is `Batch.best`; None: by margin. `Table.answers` explains both.
         """
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
@@ -366,7 +362,7 @@ class Controller:
         promise = f"stay clear for {steps}" if self.problem.has_no_target else f"reach the target within {steps}"
         finer = "cells" if self.table.proved else "nodes"
         more = f"steps or {finer}"
-        if self.problem.has_no_target and details.get("settled", details.get("endless")):
+        if self.problem.has_no_target and details.get("endless"):
             promise, more = "stay clear for ever", finer
         return (
             f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
@@ -597,9 +593,7 @@ class Controller:
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
         a certified table lets pass is proved. On a grid, where the value between nodes is wrong by a part of a cell, an
         input passes only if its margin is at most -`SHIELDED` * `Table.change_over_cell`; where none does, it is the
-        one of least margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the
-        depth that the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is
-        that of rule "deepest".
+        one of least margin.
 
         Parameters
         ----------
@@ -647,12 +641,7 @@ class Controller:
             chosen = batch.best
         else:
             batch = self.table.answers(states, step, self.table.steps - step)
-            if batch.game is None:
-                scores = np.where(self.allowed(batch), distances, np.inf)
-            else:
-                others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
-                scores = self._reserved(batch, others, 1.0)
-            chosen = self.table.preferred(batch, scores)
+            chosen = self.table.preferred(batch, np.where(self.allowed(batch), distances, np.inf))
         promised = batch.promised
         if (lost := chosen == NOT_ADMISSIBLE).any():
             chosen[lost] = fallbacks(self.table, batch.states[lost], step)[0]
@@ -729,32 +718,20 @@ class Controller:
         rows, inputs = np.nonzero(asked)
         held = np.full(len(rows), -1) if before is None else np.asarray(before)[rows]
         scores[asked] = self.scores(Candidates(self.problem, batch, rows, inputs, held))
-        return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
+        return self.table.preferred(batch, scores)
 
     def allowed(self, batch: Batch) -> FloatArray:
         """Which of the safe inputs a rule with `all_left`, and the filter, may choose for each state: bool (M, L).
 
         For a table on a grid those with margin <= -`SHIELDED` * `Table.change_over_cell` or, where no input has, those
-        of the least margin; for a certified table, or one that holds for ever, all that are safe: `batch.safe` itself.
+        of the least margin; for a certified table all that are safe: `batch.safe` itself.
         """
-        if self.table.proved or batch.game is not None:
+        if self.table.proved:
             return batch.safe
         margins = np.where(batch.safe, batch.margins, np.inf)
         return batch.safe & (
             margins <= np.maximum(-SHIELDED * self.table.change_over_cell, margins.min(axis=1, keepdims=True))
         )
-
-    def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
-        """The scores (M, L), with `otherwise` for inputs that keep no reserve, if the table has a game's value.
-
-        That is a table on a grid that stays clear for ever (`Batch.game`); for others `scores` itself is returned. An
-        input keeps a reserve if margin <= -RESERVE and value <= DEPTH_KEPT * (the least value of the safe inputs).
-        """
-        # the margin is a distance, and lasts until its very last step; the depth tells how much room there is to turn
-        if batch.game is None:
-            return scores
-        deepest = np.min(batch.game, axis=1, initial=np.inf, where=batch.safe, keepdims=True)
-        return np.where((batch.margins <= -RESERVE) & (batch.game <= DEPTH_KEPT * deepest), scores, otherwise)
 
     def checked(self, batch: Batch) -> FloatArray:
         """Which inputs are safe for each state of a batch, by the tubes and by the true sets: bool (M, L), new.

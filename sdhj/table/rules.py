@@ -32,8 +32,6 @@ class Candidates:
         Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
     margins : (P,) array
         The largest value of the next tube that the adversary can bring about; <= 0, since all of these inputs are safe.
-    depths : (P,) array
-        The margins or, for tables on a grid that hold for ever, `Batch.game`: the least is preferred.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 
@@ -77,11 +75,6 @@ class Candidates:
         return self.batch.margins[self.batch.safe]
 
     @property
-    def depths(self) -> FloatArray:
-        """The margins or, for tables on a grid that hold for ever, the depths by `Batch.game`: (P,), new."""
-        return self.batch.depths[self.batch.safe]
-
-    @property
     def successors(self) -> FloatArray:
         """Where the inputs lead in one interval without a disturbance, clipped to the grid: (P, ndim), new."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
@@ -91,7 +84,7 @@ class Candidates:
 
 Rule = Callable[[Candidates], FloatArray]
 RULES: dict[str, Rule] = {  # the input of the least score is selected
-    "deepest": lambda among: among.depths,
+    "deepest": lambda among: among.margins,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
     "clearance": lambda among: (

@@ -33,47 +33,6 @@ from sdhj.table.container import Contents
 from sdhj.table.files import read_array, write_table
 from sdhj.table.keeping import Kept
 
-QUIET = 5  # steps over which the motion of a boundary is measured
-# cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
-SETTLED = 0.002
-RESTLESS = 0.1  # cells a step: level sets of the game's value that move by less, on average, have settled
-
-
-def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
-    """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: float64, shape grid.shape.
-
-    It is 2 - d in the set, d being the distance to the nearest node outside, or to where a node would be past an unsafe
-    end; and 1 + the distance to the set outside. So its zero lies one cell inside the last node in the set.
-
-    invariant : (*grid.shape) bool, the nodes in the set.
-    """
-    # The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
-    # cell outside the last node in the set, and at the very boundary there may be no input that passes.
-    leaves = _cells_to(grid, ~invariant)
-    for axis, fails in enumerate(grid.ends_where("fails").T):
-        place = np.arange(grid.shape[axis], dtype=np.float64)
-        for end, gap in zip(fails, (place + 1.0, grid.shape[axis] - place), strict=True):
-            if end:
-                leaves = np.minimum(leaves, grid.lift(gap, (axis,)))
-    return np.where(invariant, 2.0 - leaves, 1.0 + _cells_to(grid, invariant))
-
-
-def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
-    """Euclidean distance, in cells, of each node to the nearest one in a region: array of grid.shape, 0 in the region.
-
-    Also around periodic axes. A cell counts as 1 along each axis.
-
-    region : (*grid.shape) bool; if it is empty, the distance is sqrt(sum of grid.shape^2) everywhere.
-    """
-    squares = np.where(region, 0.0, float(np.sum(np.square(grid.shape))))
-    for axis, n in enumerate(grid.shape):
-        before, squares = np.moveaxis(squares, axis, 0), np.full(squares.shape, np.inf)
-        out, place = np.moveaxis(squares, axis, 0), np.arange(n).reshape(n, *[1] * (grid.ndim - 1))
-        for k in range(n):
-            gap = np.abs(place - k)
-            np.minimum(out, before[k] + np.square(np.minimum(gap, n - gap) if grid.periodic[axis] else gap), out=out)
-    return np.sqrt(squares)
-
 
 @dataclass(frozen=True)
 class AvoidTubes(ReadOnly):
@@ -123,8 +82,7 @@ class LookupTable(Table):
     index : (entries,) int64
         For each (start, within), one row k after the other, the number of its stored tube: equal ones are stored once.
     tubes : (T, *grid.shape)
-        The level-set functions of the T stored tubes, <= 0 inside. For ever there are two: the tube, a distance in
-        cells, and behind it the game's value, by which inputs are selected.
+        The level-set functions of the T stored tubes, <= 0 inside.
     marks : (T, ceil(L / 8), nodes) uint8
         The inputs that are marked at each node: bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
@@ -189,87 +147,24 @@ class LookupTable(Table):
         """Let (start, within) be the same stored tube as (start, within - 1), with its marks: writes the index.
 
         Later tubes move up by one position, so call it before they are computed, in place of computing this one;
-        nothing is done where the two are one tube already. Where nothing depends on time and N is given, all entries
-        with more steps to go share the tube, too.
+        nothing is done where the two are one tube already. Where nothing depends on time, all entries with more steps
+        to go share the tube, too.
         """
         place = self.tube_index(start, within)
         if place == self.tube_index(start, within - 1):
             return
-        if self.problem.time_invariant and self.problem.steps is not None:
+        if self.problem.time_invariant:
             np.minimum(self.index, place - 1, out=self.index)
         else:
-            # half a million of a solve without a number of steps, of which the first two rows are asked
-            asked = self.index[: 2 * self.problem.most_steps + 1] if self.problem.steps is None else self.index
-            asked[asked >= place] -= 1
-
-    def boundary_speed(self, start: int, within: int) -> float:
-        """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average.
-
-        It compares (start, within) with (start, within - QUIET). The average is over the edges between neighbouring
-        nodes that either of the two boundaries crosses; on an edge that only one of them crosses, it counts as moved by
-        a cell. inf if within < QUIET; 0 if there is no boundary.
-        """
-        if within < QUIET:
-            return np.inf
-        tube, before = self.value_array(start, within), self.value_array(start, within - QUIET)
-        moved, count = 0.0, 0
-        for axis in range(self.grid.ndim):
-            (one, other), (first, second) = (self.grid.edges(values, axis) for values in (tube, before))
-            now, then = (one <= 0) != (other <= 0), (first <= 0) != (second <= 0)
-            both = now & then
-            shifts = one[both] / (one[both] - other[both]) - first[both] / (first[both] - second[both])
-            moved += float(np.abs(shifts).sum()) + np.count_nonzero(now != then)
-            count += int(np.count_nonzero(now | then))
-        return moved / (QUIET * max(count, 1))
-
-    def level_set_speed(self, within: int) -> float:
-        """By how many cells a step all level sets in the tube (0, within) moved in the last `QUIET` steps, on average.
-
-        It is the mean change per step of the values at the nodes inside, divided by the mean difference of neighbours
-        inside, along the axis where this is largest. inf if within < QUIET; 0 where values inside do not differ.
-        """
-        if within < QUIET:
-            return np.inf
-        tube, before = self.value_array(0, within), self.value_array(0, within - QUIET)
-        change, slope = np.abs(tube - before)[tube <= 0], 0.0
-        for axis in range(self.grid.ndim):
-            one, other = self.grid.edges(tube, axis)
-            inside = (one <= 0) & (other <= 0)
-            slope = max(slope, float(np.abs(one - other)[inside].mean()) if inside.any() else 0.0)
-        return float(change.mean()) / (QUIET * slope) if slope else 0.0
-
-    def settled(self, last: int) -> "LookupTable":
-        """The table of the first `last` steps of a solve with steps=None; its problem has so many (at least 1).
-
-        The tubes are copied, so that the space of all others is freed. Without a target it is the table of the one set
-        that is safe for ever (`cells_inside`): every entry is this tube, the inputs are those marked in all of the last
-        `QUIET` steps, and the game's value is stored after it.
-        """
-        has_no_target, steps = self.problem.has_no_target, max(last, 1)
-        # a copy: look-ups would be compiled once more for a column of an array
-        index, span = entries(steps)[:, 1].copy(), slice(last, last + 1) if has_no_target else slice(0, last + 1)
-        recent = self.marks[max(last - QUIET, 0) + 1 : last + 1]
-        tubes = self.tubes[span].copy()  # frees the space of all others
-        if has_no_target:
-            tubes = np.concatenate([cells_inside(self.grid, tubes[0] <= 0)[None].astype(tubes.dtype), tubes])
-        return replace(
-            self,
-            problem=replace(self.problem, steps=steps),
-            index=np.zeros_like(index) if has_no_target else index,
-            tubes=tubes,
-            marks=np.bitwise_and.reduce(recent)[None] if has_no_target else self.marks[span].copy(),
-            avoid=replace(self.avoid, moving=self.avoid.moving[:steps]),
-        )
+            self.index[self.index >= place] -= 1
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
         """The table when solved: with these details, and without tubes and marks behind those that the index names.
 
-        The arrays are shared with this table, and become read-only. If details["endless"] is true and there is no
-        target, all tubes are kept, as the last is the game's value.
+        The arrays are shared with this table, and become read-only.
         """
         stored = int(self.index.max()) + 1
-        whole = details.get("endless") and self.problem.has_no_target
-        tubes, marks = (self.tubes, self.marks) if whole else (self.tubes[:stored], self.marks[:stored])
+        tubes, marks = self.tubes[:stored], self.marks[:stored]
         return replace(
             self, index=read_only(self.index), tubes=read_only(tubes), marks=read_only(marks), details=details
         )
@@ -351,12 +246,6 @@ class LookupTable(Table):
 
     # ---- between the nodes
 
-    @cached_property
-    def game(self) -> int:
-        """Position of the game's value in `tubes`, after those that the index names; -1 where there is none."""
-        named = int(self.index.max()) + 1
-        return named if len(self.tubes) > named else -1
-
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         """The avoid tubes of a step, interpolated at states (M, ndim): (M, L), a new array."""
         out = np.empty((len(states), len(self.problem.inputs)))
@@ -399,8 +288,8 @@ class LookupTable(Table):
         The arguments are those of `sdhj.table.batches.Table._fill_in_and_check`, and ends (4 + K, L, ndim, 1 or R),
         what the inputs lead to from these rows, as `Interval.displacement_sets` returns it.
         """
-        when = batch.step, batch.within, self.steps, self.game, checks
-        out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
+        when = batch.step, batch.within, self.steps, checks
+        out = batch.steps_to_go, batch.safe, batch.margins, batch.best
         packs = tuple(self.packed_at(batch.step))
         return bool(decide(batch.states, rows, when, packs, self._stored, (ends, scores, self.normals), out))
 
@@ -490,10 +379,12 @@ class LookupTable(Table):
         most = int(index.max()) + 1
         if index.min() < 0:
             raise ValueError("its index points before the first tube")
-        ever = int(problem.has_no_target and bool(head["details"].get("endless")))  # the game's value behind its tube
-        tubes = stored("tubes", "float32 float64", ({most, most + ever}, *grid.shape))
-        if len(tubes) < most + ever:
-            raise ValueError("it is of an older version, without the game's value by which inputs are now selected")
+        if problem.has_no_target and head["details"].get("endless"):
+            raise ValueError(
+                "it is of an older version, which promised for ever what is only interpolated; method='certified' "
+                "proves what holds for ever"
+            )
+        tubes = stored("tubes", "float32 float64", (most, *grid.shape))
         marks = stored("marks", "uint8", (most, -(-count // 8), grid.size))
         avoid: list[Any] = []
         for name, lead in (("static", (count,)), ("moving", (steps, count))):

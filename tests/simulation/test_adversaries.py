@@ -8,7 +8,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.simulation.adversaries import ADVERSARIES, Moment
+from sdhj.simulation.adversaries import ADVERSARIES, Moment, greedy, level_of_unsafe
 from sdhj.simulation.runs import SUBSTEPS, admissible_states, monte_carlo, simulate
 from sdhj.table.controller import Controller
 
@@ -52,6 +52,47 @@ def test_random_is_constant_over_an_interval_and_fills_its_box() -> None:
     first = drawn[0][1]
     assert np.abs(first).max() <= 0.2
     assert first.min() < -0.18 and first.max() > 0.18  # 500 uniform draws miss a tenth of the box with chance 1e-11
+
+
+def drone() -> sdhj.ReachAvoidProblem:
+    """It flies at 12 m/s in gusts of 3, and keeps 300 m from an aircraft of 50 m/s, from which it is seen."""
+    turn = np.arange(16) * np.pi / 8
+    inputs = np.vstack([[0.0, 0.0], 12 * np.stack([np.cos(turn), np.sin(turn)], axis=1)])
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-600, -800], [1800, 800], [61, 41], ends="safe"),
+        dynamics=sdhj.Dynamics(inputs, inputs - np.array([50.0, 0.0]), np.eye(2), [3.0, 3.0]),
+        target=None,
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 300.0, name="aircraft")],
+        delta=1.0,
+        steps=2,
+    )
+
+
+def test_greedy_takes_the_vertex_that_comes_nearest(rng: np.random.Generator) -> None:
+    controller = Controller(sdhj.solve(drone(), progress=False))
+    q, u = rng.uniform([300, -400], [900, 400], (200, 2)), rng.integers(0, 17, 200)
+    now = moment(controller, q, inputs=u)
+    found, signs = greedy(now), np.array(list(itertools.product((-1.0, 1.0), repeat=2)))
+    assert (np.abs(found) == 3.0).all()
+    velocities = controller.problem.inputs[u] - np.array([50.0, 0.0])  # straight, and nearer all the time
+    least = np.min([np.hypot(*(q + velocities + 3.0 * sign).T) for sign in signs], axis=0)
+    np.testing.assert_allclose(np.hypot(*(q + velocities + found).T), least, rtol=0, atol=1e-9)
+    later = replace(now, substep=2, previous=-found)
+    np.testing.assert_array_equal(greedy(later), -found)  # it decides at every fourth substep
+
+
+def test_what_is_nearest_is_a_set_or_an_unsafe_end() -> None:
+    assert level_of_unsafe(drone(), np.array([[2000.0, 0.0]]), 0.0, np.array([0])) == np.inf
+    joint = sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-1, -2], [1, 2], [21, 21], ends=["unsafe", "wall"]),
+        dynamics=sdhj.Dynamics([[0.0]], [[0.0, 0.0]]),
+        target=None,
+        unsafe=[],
+        delta=0.02,
+        steps=1,
+    )
+    near = level_of_unsafe(joint, np.array([[0.75, 0.0], [-1.5, 0.0]]), 0.0, np.array([0, 0]))
+    np.testing.assert_allclose(near, [0.25, -0.5])
 
 
 def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:

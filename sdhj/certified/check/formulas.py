@@ -172,6 +172,70 @@ class Formula:
         """The formula of `count` of the results, from number `first` on, or of those that there are; the same nodes."""
         return Formula(self.nodes, self.results[first : first + count])
 
+    def without_constants(self, parameters: int) -> tuple["Formula", list[float]]:
+        """This formula with a new parameter in place of each constant, and the constants in their order.
+
+        New parameters are numbered from `parameters` on. Nodes are in the order in which the results lead to them, so
+        formulas that differ in constants alone become equal.
+        """
+        nodes, constants, at = list[Node](), list[float](), dict[int, int]()
+
+        def number(of: int) -> int:
+            """The number in the new formula of node `of` of this one, which must be there unless it is a constant.
+
+            For a constant a node of a new parameter is added, each time.
+            """
+            if self.nodes[of].name != "const":
+                return at[of]
+            nodes.append(Node("p", (), (parameters + len(constants),)))  # check 3.86
+            constants.append(self.nodes[of].given[0])
+            return len(nodes) - 1
+
+        left = [(of, False) for of in reversed(self.results)]
+        while left:
+            of, ready = left.pop()
+            node = self.nodes[of]
+            if of in at or node.name == "const":
+                continue
+            if node.operands and not ready:
+                left += [(of, True), *((operand, False) for operand in reversed(node.operands))]
+                continue
+            operands = tuple(number(operand) for operand in node.operands)
+            at[of] = len(nodes)
+            nodes.append(Node(node.name, operands, node.given))
+        results = tuple(number(of) for of in self.results)
+        return Formula(tuple(nodes), results), constants
+
+    def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
+        """This formula with a constant for each parameter, from number `parameters` on, that all rows agree on.
+
+        Returns the formula, in which the others of these parameters are numbered anew from `parameters` on, and the
+        values of those, a list for each row.
+
+        rows : at least one, for each input the values of these parameters, as `without_constants` returns them.
+        """
+        # check 3.87
+        kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
+        new = {parameters + k: Node("p", (), (parameters + place,)) for place, k in enumerate(kept)}
+        nodes = list(self.nodes)
+        for number, node in enumerate(nodes):
+            if node.name == "p" and (k := node.given[0]) >= parameters:
+                nodes[number] = new.get(k) or Node("const", (), (rows[0][k - parameters],))
+        return Formula(tuple(nodes), self.results), [[row[k] for k in kept] for row in rows]
+
+    @cached_property
+    def form(self) -> tuple[Any, ...]:
+        """A hashable key, equal for formulas that are the same line by line and share tables; computed once.
+
+        Tables are told apart as objects, not by their values.
+        """
+        lines = []
+        for name, operands, given in ((node.name, node.operands, node.given) for node in self.nodes):
+            if name == "gridded":
+                given = id(given[0]), tuple(given[1]), tuple(given[2])
+            lines.append((name, operands, given))
+        return tuple(lines), self.results
+
     @cached_property
     def least_of(self) -> list["Formula"]:
         """Formulas of one result each, of whose values the first result is the least: the operands of nested `min`s."""

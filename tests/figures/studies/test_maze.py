@@ -29,12 +29,12 @@ def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:
 
 def test_where_walls_hide_between_the_nodes_it_refuses() -> None:
     with pytest.raises(ValueError, match=r"the unsafe set .walls. hides between the nodes at x = .* Use"):
-        solved(maze(21, 12), "hji")
+        solved(maze(21, 12, steps=60), "hji")
 
 
 def test_where_walls_are_seen_and_worn_down_it_refuses_too() -> None:
     with pytest.raises(ValueError, match=r"the unsafe set .walls. is too thin for the grid at x = .*steep"):
-        solved(maze(61, sampling="nodes"), "hji")
+        solved(maze(61, steps=60, sampling="nodes"), "hji")
 
 
 @pytest.mark.slow

@@ -227,11 +227,13 @@ def test_bounds_of_rates_are_exact():
 
 @pytest.mark.slow
 def test_the_command_writes_its_table(tmp_path):
-    options = ["--robot", "rail", "--method", "hji", "--runs", "20", "--steps", "5", "--out", str(tmp_path)]
+    options = ["--robot", "rail", "--method", "hji, 60 steps", "--runs", "20", "--out", str(tmp_path)]
     done = CliRunner().invoke(main, options)
     assert done.exit_code == 0, done.output
     lines = (tmp_path / "promises.md").read_text(encoding="utf-8").splitlines()
-    assert lines[:2] == heading() and lines[2].startswith("| rail | 81 x 81 |") and "hji, filtered" in lines[3]
+    assert (
+        lines[:2] == heading() and lines[2].startswith("| rail | 81 x 81 |") and "hji, 60 steps, filtered" in lines[3]
+    )
     with open(tmp_path / "promises.csv", encoding="utf-8") as file:
         found = list(csv.DictReader(file))
     assert [row["runs"] for row in found] == ["120", "120"] and float(found[0]["solved"]) > 0
@@ -263,8 +265,8 @@ def test_the_page_has_a_row_for_each_robot_and_method():
     wanted = []
     for name, build in FLEET.items():
         robot = build()
-        for method, _, _ in methods(robot):
-            wanted += [(name, method), *([(name, f"{method}, filtered")] if robot.ever else [])]
+        for method, *_ in methods(robot):
+            wanted += [(name, method), *([(name, f"{method}, filtered")] if robot.steps is None else [])]
     assert list(told()) == wanted
     for (_, method), row in told().items():
         lost, runs, promised = (number(row[one]) for one in ("lost", "runs", "lost while promised"))

@@ -8,34 +8,36 @@ from test_safety import double_integrator, too_far
 from toys import interval_problem
 
 import sdhj
-from sdhj import Controller, UnsafeSet
+from sdhj import Certified, Controller, UnsafeSet
+from sdhj.certified.table import CellSets
 from sdhj.problem.findings import UnsettledWarning
 from sdhj.simulation.runs import FOREVER_PLAYED
-from sdhj.solver.recursion import GridSets
-from sdhj.table.table import cells_inside
 
-NODES = (101, 101)
+CELLS, FEW = Certified(cells=(200, 200)), Certified(cells=(80,))
 
 
 @pytest.fixture(scope="module")
 def staying():
-    return sdhj.solve(double_integrator(None, 0.6, NODES), progress=False)
+    return sdhj.solve(double_integrator(None, 0.6), CELLS, progress=False)
 
 
 @pytest.fixture(scope="module")
 def reaching():
-    return sdhj.solve(replace(interval_problem(), steps=None), progress=False)
+    return sdhj.solve(replace(interval_problem(), steps=None), FEW, progress=False)
 
 
 def same(one, other):
     assert one.problem.digest == other.problem.digest and one.details == other.details and one.steps == other.steps
-    for name in ("index", "tubes", "marks"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(one.index, other.index)
+    for start, within in ((0, 0), (0, one.steps)):
+        for ask in ("values", "inputs"):
+            found = (getattr(table, ask)(start=start, within=within) for table in (one, other))
+            np.testing.assert_array_equal(*found)
 
 
 def test_it_is_loaded_for_the_problem_that_it_was_solved_for(staying, reaching, tmp_path):
     for table, problem in (
-        (staying, double_integrator(None, 0.6, NODES)),
+        (staying, double_integrator(None, 0.6)),
         (reaching, replace(interval_problem(), steps=None)),
     ):
         path = tmp_path / "table.npz"
@@ -48,10 +50,10 @@ def test_it_is_loaded_for_the_problem_that_it_was_solved_for(staying, reaching, 
 def test_other_problems_are_still_told(staying, reaching, tmp_path):
     path = tmp_path / "table.npz"
     staying.save(path)
-    for other in (double_integrator(None, 0.5, NODES), double_integrator(None, 0.6), double_integrator(7, 0.6, NODES)):
+    for other in (double_integrator(None, 0.5), double_integrator(7, 0.6)):
         with pytest.raises(sdhj.TableFileError, match="another problem"):
             sdhj.load(path, problem=other)
-    finite = sdhj.solve(replace(interval_problem(), steps=reaching.steps), progress=False)
+    finite = sdhj.solve(replace(interval_problem(), steps=reaching.steps), FEW, progress=False)
     finite.save(path)  # what was solved for some steps is no answer for ever
     with pytest.raises(sdhj.TableFileError, match=r"another problem.*steps is"):
         sdhj.load(path, problem=replace(interval_problem(), steps=None))
@@ -84,15 +86,16 @@ def test_what_depends_on_time_asks_for_the_step():
             play()
 
 
+@pytest.mark.slow
 def test_runs_are_as_long_as_one_likes(staying):
     controller = Controller(staying)
     assert staying.steps < FOREVER_PLAYED == 100
     run = sdhj.simulate(controller, [0.2, 0.5], steps=3 * staying.steps)
     assert run.outcome == "reached" and len(run.inputs) == 3 * staying.steps
-    assert run.times[-1] == pytest.approx(3 * staying.steps * 0.1) and too_far(run.states, 0.6).max() < 0.05
+    assert run.times[-1] == pytest.approx(3 * staying.steps * 0.1) and too_far(run.states, 0.6).max() < 0
     assert len(sdhj.simulate(controller, [0.2, 0.5]).inputs) == 100
-    report = sdhj.monte_carlo(controller, 30, steps=110, progress=False)
-    assert report.steps.max() == 110 and report.rate("reached") > 0.98
+    report = sdhj.monte_carlo(controller, 5, steps=110, progress=False)
+    assert report.steps.max() == 110 and report.counts["reached"] == 5
     assert sdhj.monte_carlo(controller, 5, progress=False).steps.max() == 100
     for steps in (0, 2.5, True):
         with pytest.raises(ValueError, match="steps must be"):
@@ -124,42 +127,29 @@ def test_a_table_of_a_number_of_steps_is_played_as_before():
 
 def test_ctrl_c_ends_a_solve_with_what_there_is(monkeypatch):
     """With a target a table of fewer steps is a true one; without, it says that it holds for so many steps only."""
-    extend = GridSets.extend
+    extend = CellSets.extend
 
     def interrupted(self, step, within):
         if within == 3:
             raise KeyboardInterrupt
         extend(self, step, within)
 
-    whole = sdhj.solve(replace(interval_problem(), steps=2), progress=False)
-    monkeypatch.setattr(GridSets, "extend", interrupted)
-    with pytest.warns(UnsettledWarning, match=r"after 2 steps .* of the nodes .* the tubes hold for so many steps"):
-        table = sdhj.solve(replace(interval_problem(), steps=None), progress=False)
-    assert table.steps == 2 and not table.details["settled"]
+    whole = sdhj.solve(replace(interval_problem(), steps=2), FEW, progress=False)
+    monkeypatch.setattr(CellSets, "extend", interrupted)
+    with pytest.warns(UnsettledWarning, match=r"after 2 steps .* of the cells .* the tubes hold for so many steps"):
+        table = sdhj.solve(replace(interval_problem(), steps=None), FEW, progress=False)
+    assert table.steps == 2
     np.testing.assert_array_equal(table.values(), whole.values())
     with pytest.warns(UnsettledWarning, match="not for ever"):
-        staying = sdhj.solve(double_integrator(None, 0.6, (41, 41)), progress=False)
-    assert not staying.details["settled"]
+        staying = sdhj.solve(double_integrator(None, 0.6), Certified(cells=(40, 40)), progress=False)
+    assert not staying.details.get("endless")
     with pytest.raises(KeyboardInterrupt):  # before its last step a table of a number of steps is none
-        sdhj.solve(replace(interval_problem(), steps=4), progress=False)
+        sdhj.solve(replace(interval_problem(), steps=4), FEW, progress=False)
 
 
 def test_what_never_settles_ends_at_the_cap(monkeypatch):
     monkeypatch.setattr(sdhj.problem.statement, "FOREVER", 4)
-    for problem in (replace(interval_problem(), steps=None), double_integrator(None, 0.6, (41, 41))):
+    for problem, method in ((replace(interval_problem(), steps=None), FEW), (double_integrator(None, 0.6), CELLS)):
         with pytest.warns(UnsettledWarning, match="after 4 steps"):
-            table = sdhj.solve(problem, progress=False)
+            table = sdhj.solve(problem, method, progress=False)
         assert table.steps == 4 and sdhj.monte_carlo(Controller(table), 20, steps=4, progress=False).runs == 20
-
-
-def test_the_reserve_is_a_distance_in_cells(rng):
-    """Against the distance to every node that leaves, and to every place past an unsafe end."""
-    grid = sdhj.Grid([0, 0], [1, 1], [9, 8], [False, True], ends=[("unsafe", "wall"), "wall"])
-    invariant = rng.random(grid.shape) < 0.9
-    leaves = [(-1, j) for j in range(-8, 16)]  # past the unsafe end
-    leaves += [(i, j + turn) for i, j in np.argwhere(~invariant) for turn in (-8, 0, 8)]
-    kept = [(i, j + turn) for i, j in np.argwhere(invariant) for turn in (-8, 0, 8)]
-    found = cells_inside(grid, invariant)
-    for node in np.ndindex(grid.shape):
-        to_leaves, to_kept = (min(np.hypot(node[0] - i, node[1] - j) for i, j in some) for some in (leaves, kept))
-        assert found[node] == pytest.approx(2 - to_leaves if invariant[node] else 1 + to_kept)

@@ -113,21 +113,6 @@ def test_an_empty_tube_is_looked_into_at_states_of_all_axes(solves_are_played: N
         sdhj.solve(problem, progress=False)
 
 
-@pytest.mark.parametrize(
-    "name", ["rail", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pendulum", "double integrator"))]
-)
-def test_for_ever_a_reserve_keeps_what_is_promised(name: str) -> None:
-    """Pushed at by all, and driven to the boundary by a reckless commander behind the filter."""
-    from promises import answer, filtered, judged
-
-    robot = FLEET[name]()
-    table = sdhj.solve(robot.problem(), progress=False)
-    assert 0 < table.details["given_up"] < 0.1 and table.details["settled"]
-    for says in (answer, filtered):
-        runs, lost, _, how = judged(robot, table, 40, 25, 0, says)
-        assert lost < 0.03 * runs, how  # 1 % of runs, and four standard errors of so few starts
-
-
 def test_the_filter_cannot_be_passed_by(rng: np.random.Generator) -> None:
     """For one state and for many, by index and by command: an input of the problem, looked at, or the fallback."""
     for table in (sdhj.solve(torus_problem(), progress=False), sdhj.solve(FLEET["rail"]().problem(), progress=False)):

@@ -417,7 +417,20 @@ CASES = {
     "a store and steps": (
         "leave store= out to solve in memory",
         lambda to: solved(replace(line(), steps=None), store=to / "t.store"),
-        lambda to: solved(replace(line(), steps=None)),
+        lambda to: solved(replace(line(), steps=None), "certified"),
+    ),
+    "for ever on a grid": (
+        "Use method='certified' .* or give steps=N: safe for N steps from step 0",
+        lambda to: solved(replace(line(), target=None, steps=None), "hji"),
+        lambda to: (
+            solved(replace(line(), target=None, steps=None), "certified"),
+            solved(replace(line(), target=None)),
+        ),
+    ),
+    "some time on a grid": (
+        "give steps=60, say; steps_to_go tells where fewer are enough. method='certified' finds the number by itself",
+        lambda to: solved(replace(line(), steps=None), "hji"),
+        lambda to: (solved(replace(line(), steps=60)), solved(replace(line(), steps=None), "certified")),
     ),
     "too little memory for a store": (
         "give more as memory=, or use fewer nodes",

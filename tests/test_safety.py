@@ -1,7 +1,6 @@
 """Problems without a target, and without a number of steps: closed forms, and runs judged without the library."""
 
 from dataclasses import replace
-from functools import cache
 
 import judge
 import numpy as np
@@ -36,20 +35,14 @@ def too_far(states, disturbance=0.0):
     return np.maximum(x + np.where(v > 0, way, 0), -x + np.where(v < 0, way, 0)) - 1
 
 
-@cache
-def settled(disturbance, nodes):
-    """The table of the cart that stays for ever."""
-    return sdhj.solve(double_integrator(None, disturbance, (nodes, nodes)), progress=False)
-
-
 @pytest.mark.parametrize("disturbance", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
 def test_the_viability_kernel_of_the_double_integrator(disturbance):
     """Wrong only within a cell of the boundary, where the slopes of `too_far` are 1 and v / brake."""
     shares = []
     for nodes in (51, 101):
-        table = settled(disturbance, nodes)
+        table = sdhj.solve(double_integrator(25, disturbance, (nodes, nodes)), progress=False)
         exact = too_far(table.grid.points(), disturbance)
-        inside = table.values(start=0, within=1).ravel() <= 0
+        inside = table.values(start=0, within=25).ravel() <= 0
         cell = table.grid.spacing[0] + table.grid.spacing[1] * np.sqrt(2 * 2 / (BRAKE - disturbance))
         assert np.abs(exact[inside != (exact <= 0)]).max(initial=0.0) < cell
         shares.append(np.mean(inside != (exact <= 0)))
@@ -80,39 +73,21 @@ def drawn(table, count, rng):
     return states[table.contains(states, start=0, within=table.steps)][:count]
 
 
-@pytest.mark.parametrize("disturbance", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
-def test_what_stays_clear_for_ever_does(disturbance, rng):
-    """Ten seconds, a hundred intervals, though the table has settled after fewer."""
-    table = settled(disturbance, 101)
-    assert 5 < table.steps < 100 and len(table.tubes) == 2  # the distance, and the value
-    outcomes = judged(table, drawn(table, 1000, rng), disturbance, rng)
-    assert np.mean(outcomes != "late") < 0.02, np.unique(outcomes, return_counts=True)
-
-
 def test_without_a_target_the_sets_shrink_and_settle():
     problem = double_integrator(steps=60)
     table = sdhj.solve(problem, progress=False)
     shares = [table.fraction(start=0, within=n) for n in range(61)]
     assert shares == sorted(shares, reverse=True) and shares[0] == 1.0
-    ever = settled(0.0, 51)
-    assert shares[ever.steps] == shares[60] < shares[max(ever.steps // 2, 1)]
-    safe = np.pad(table.values(start=0, within=60) <= 0, 1)  # and past the unsafe ends nothing does
-    around = [safe[i : i + n, j : j + m] for n, m in [table.grid.shape] for i in range(3) for j in range(3)]
-    np.testing.assert_array_equal(ever.values(start=0, within=1) <= 0, np.all(around, axis=0))  # a cell is kept
-    np.testing.assert_array_equal(ever.inputs(start=0, within=1), table.inputs(start=0, within=60))
+    assert shares[30] == shares[60] < shares[5]
     assert len(table.tubes) <= 61 < len(table.index)  # one for each number of steps, however many start
 
 
 def test_without_steps_the_target_is_reached_some_time():
-    problem = interval_problem()
-    table = sdhj.solve(replace(problem, steps=None), progress=False)
-    more = sdhj.solve(replace(problem, steps=table.steps + 7), progress=False)
+    problem, method = interval_problem(), Certified(cells=(80,))
+    table = sdhj.solve(replace(problem, steps=None), method, progress=False)
+    more = sdhj.solve(replace(problem, steps=table.steps + 7), method, progress=False)
     n = table.steps
-    one, other = table.values(), more.values()
-    np.testing.assert_array_equal(one <= 0, other <= 0)
-    beside = np.flatnonzero(np.diff(one <= 0))
-    beside = np.concatenate([beside, beside + 1])  # of slopes of about one, a hundredth of a cell of 0.1
-    np.testing.assert_allclose(one[beside], other[beside], rtol=0, atol=2e-3)
+    np.testing.assert_array_equal(table.values() <= 0, more.values() <= 0)
     assert 1 < n < 30 and table.fraction(start=0, within=n // 2) < table.fraction(start=0, within=n)
 
 
@@ -129,15 +104,16 @@ def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
     assert report.steps.min() < report.steps.max() == 30
 
 
-def test_certified_carts_never_leave(rng):
+@pytest.mark.parametrize("steps", [20, None])
+def test_certified_carts_never_leave(steps, rng):
+    """Within 20 steps, and for ever: for a hundred, though the sets have settled after fewer."""
     disturbance = 0.3
-    problem = double_integrator(20, disturbance)
-    table = sdhj.solve(problem, Certified(cells=(160, 160)), progress=False)
-    shares = [table.fraction(start=0, within=n) for n in (0, 10, 20)]
+    table = sdhj.solve(double_integrator(steps, disturbance), Certified(cells=(160, 160)), progress=False)
+    shares = [table.fraction(start=0, within=n) for n in range(table.steps + 1)]
     assert shares == sorted(shares, reverse=True) and shares[-1] > 0.2
     starts = drawn(table, 2000, rng)
     assert too_far(starts, disturbance).max() < 0
-    outcomes = judged(table, starts, disturbance, rng, 20, first=None)
+    outcomes = judged(table, starts, disturbance, rng, steps or 100, first=0 if steps is None else None)
     assert (outcomes == "late").all(), np.unique(outcomes, return_counts=True)
 
 
