@@ -313,7 +313,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     "--samples",
     default=0,
     type=click.IntRange(0),
-    help="Check so many random cells (of the arm, pairs of them), with Arb's arithmetic if sdhj[arb] is there; 0: all.",
+    help="Check so many random cells (of the arm, pairs of them); 0: all.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
 @PROBLEM

@@ -16,7 +16,7 @@ import pytest
 
 import sdhj.solving
 from sdhj.kernels import compiling
-from sdhj.kernels.tape import play_bounds_part
+from sdhj.kernels.compiling import Kernel
 
 matplotlib.use("Agg")  # draws without a screen
 
@@ -44,20 +44,21 @@ check_by_runs, sdhj.solving.check_by_runs = sdhj.solving.check_by_runs, lambda t
 scanty_finding, sdhj.solving.scanty_finding = sdhj.solving.scanty_finding, lambda table: None
 
 
-made_while_collecting: list[bool] = []
+called_while_collecting: list[str] = []
 
 
 def pytest_collection_finish() -> None:
-    """No problem should be made until here; what was made stays, so no time is spent on looking for garbage in it."""
-    made_while_collecting.append(bool(getattr(play_bounds_part, "signatures", ())))
+    """No kernel should be called until here; what was made stays, so no time is spent on looking for garbage in it."""
     gc.collect()
+    kernels = [one for one in gc.get_objects() if isinstance(one, Kernel)]
+    called_while_collecting.extend(sorted(one.py_func.__qualname__ for one in kernels if one.signatures))
     gc.freeze()
 
 
 @pytest.fixture
-def problems_are_made_while_collecting() -> bool:
-    """Whether a file of tests makes a problem where it is imported: all workers wait for what is compiled then."""
-    return made_while_collecting[0]
+def kernels_called_while_collecting() -> list[str]:
+    """What a file of tests calls where it is imported, as making a problem does: all workers wait while it compiles."""
+    return called_while_collecting
 
 
 @pytest.fixture

@@ -27,14 +27,11 @@ class Case:
     method : str or method object
     memory : int, optional
         Solved in a store, with so many bytes for a slab.
-    losing : bool
-        Of a certified table also the cells from which the adversary wins.
     """
 
     problem: Callable[[], Any]
     method: Any = "hji"
     memory: int | None = None
-    losing: bool = False
 
 
 def disk(x: float, y: float, radius: float) -> Callable[..., Any]:
@@ -250,13 +247,13 @@ CASES: dict[str, Case] = {
     "line, some time": Case(lambda: toys.interval_problem(steps=None), sdhj.Certified(cells=(80,))),
     "line, from a table": Case(lambda: chained("lax"), "lax"),
     "line, certified from a certified table": Case(
-        lambda: chained(sdhj.Certified(cells=(80,))), sdhj.Certified(cells=(80,)), losing=True
+        lambda: chained(sdhj.Certified(cells=(80,))), sdhj.Certified(cells=(80,))
     ),
     "torus": Case(toys.torus_problem),
     "torus, joint games, third order": Case(toys.torus_problem, sdhj.HJI(EXACT, games="joint")),
     "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), memory=441_136),
     "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", memory=136_136),
-    "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60)), losing=True),
+    "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60))),
     "plane, map and polygon": Case(mapped),
     "plane, map and polygon, lax": Case(mapped, "lax"),
     "plane, cells": Case(lambda: thin("cell")),
@@ -309,7 +306,7 @@ CASES: dict[str, Case] = {
         lambda: replace(toys.unicycle_problem(), target=across(0.0)), sdhj.Projected([(0, 1), (0, 2)])
     ),
     "car, certified": Case(toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
-    "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3), losing=True),
+    "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3)),
     "six axes": Case(six),
     "chased, five axes": Case(chased),
     "chased, five axes, projected": Case(chased, sdhj.Projected([(0, 1, 2, 3), (0, 1, 2, 4)])),

@@ -869,6 +869,10 @@ def lines(told: Told, name: str) -> list[str]:
 
 
 HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
+    "lines": (
+        lambda told: told["proof"].update(normals=[[1.0, 0.0]], halo=[[0, 0], [0, 0]]),
+        "the proof must have no unknown field",
+    ),
     "a function less": (lambda told: told["formulas"]["functions"].pop("gain"), "there must be a formula gain"),
     "no bounds": (lambda told: told["formulas"]["functions"].pop("bounds"), "there must be a formula bounds"),
     "bounds of some inputs": (

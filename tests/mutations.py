@@ -82,8 +82,8 @@ def tested(folder, command, compiled):
 
 
 def _holding(tests, name):
-    """The file, or the files of a folder, with tests of a name: importing the others takes longer than most of them."""
-    files = sorted(tests.rglob("test_*.py")) if tests.is_dir() else [tests]
+    """The file, or the files of a folder and of promises, with tests of a name: importing others takes longer."""
+    files = sorted([*tests.rglob("test_*.py"), *(TESTS / "promises").glob("test_*.py")]) if tests.is_dir() else [tests]
     any_of = name.replace(" or ", "|")
     return [str(file) for file in files if re.search(rf"def \w*({any_of})", file.read_text(encoding="utf-8"))]
 
@@ -126,12 +126,10 @@ PROVER = tuple(
         "kernels/pieces",
         "kernels/stencils",
         "kernels/windows",
-        "kernels/oblique",
         "certified/cells",
         "certified/bounds",
         "certified/word_tubes",
         "certified/arrivals",
-        "certified/oblique",
         "certified/packing",
         "certified/images",
         "certified/general_proof",

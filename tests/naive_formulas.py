@@ -1,49 +1,109 @@
-"""Exact results of single operations of formulas, in fractions and Arb's balls; imports nothing from sdhj."""
+"""Exact results of single operations of formulas, in fractions or decimals of 110 digits; imports nothing from sdhj."""
 
 import math
+from decimal import Context, Decimal, localcontext
 from fractions import Fraction
+from functools import cache
 
-import flint
-
-PRECISION = 400  # bits
+DIGITS = 110
+SURE = Decimal("1e-90")  # of a result: more than is lost in all that it takes
+WIDE = Context(prec=DIGITS, Emax=10**6, Emin=-(10**6), traps=[])
 
 
 def exact(op, operands, n=0):
-    """An operation's exact result at floats, a fraction or Arb's ball; None where it is undefined.
+    """An operation's exact result at floats, a fraction or a decimal; None where it is undefined.
 
     n: exponent of `power`. Zeros have no signs.
     """
+    if not all(map(math.isfinite, operands)):
+        return None
     rational = RATIONAL.get(op)
     if rational is not None:
-        if not all(map(math.isfinite, operands)):
-            return None
         result = rational(*map(Fraction, operands), n) if op == "power" else rational(*map(Fraction, operands))
         return None if result is None else Fraction(result)
-    flint.ctx.prec = PRECISION
-    return BALLS[op](*map(flint.arb, operands)) if DOMAINS.get(op, lambda *_: True)(*operands) else None
+    with localcontext(WIDE):
+        return DECIMAL[op](*map(Decimal, operands)) if DOMAINS.get(op, lambda *_: True)(*operands) else None
 
 
 def lies_within(result, low, high):
-    """Whether an exact result is between two floats, as far as 120 digits can tell."""
+    """Whether an exact result is between two floats, as far as 90 digits can tell."""
     if isinstance(result, Fraction):
         return Fraction(low) <= result <= Fraction(high)
-    return not (result < flint.arb(low) or result > flint.arb(high))
+    with localcontext(WIDE):
+        slack = abs(result) * SURE if result.is_finite() else 0
+        return Decimal(low) - slack <= result <= Decimal(high) + slack
 
 
 def units_off(value, result):
     """How many units in the last place a float is from an exact result."""
-    if isinstance(result, Fraction):
-        return float(abs(Fraction(value) - result) / Fraction(math.ulp(float(result))))
-    unit = math.ulp(float(result.mid()))
-    return float(((flint.arb(value) - result) / flint.arb(unit)).abs_upper())
+    with localcontext(WIDE):
+        off = Fraction(value) - result if isinstance(result, Fraction) else Decimal(value) - result
+        return float(abs(off)) / math.ulp(float(result))
 
 
 def _power(a, n):
     return None if a == 0 and n < 0 else a**n
 
 
+@cache
+def pi(digits):
+    """By Machin's formula, to so many digits."""
+
+    def arctan_of_inverse(n):
+        total = term = 10 ** (digits + 10) // n
+        k = 1
+        while term:
+            term //= -n * n
+            total += term // (k := k + 2)
+        return total
+
+    with localcontext(WIDE, prec=digits):
+        return Decimal(4 * (4 * arctan_of_inverse(5) - arctan_of_inverse(239))).scaleb(-digits - 10)
+
+
+def _series(first, square, begin):
+    """first (1 + square / (begin (begin + 1)) (1 + ...)): a sine or cosine of a small angle, square being -angle^2."""
+    total = term = first
+    while term and term.adjusted() > total.adjusted() - DIGITS - 5:
+        term = term * square / (begin * (begin + 1))
+        total, begin = total + term, begin + 2
+    return total
+
+
+def _angle(a, quarters):
+    """The sine of a plus so many quarters of a turn."""
+    with localcontext(WIDE, prec=2 * DIGITS + max(a.adjusted(), 0)) as context:
+        quarter = pi(context.prec) / 2
+        turned = (a / quarter).to_integral_value()
+        rest, turned = a - turned * quarter, (int(turned) + quarters) % 4
+    value = _series(Decimal(1), -rest * rest, 1) if turned % 2 else _series(+rest, -rest * rest, 2)
+    return -value if turned > 1 else value
+
+
+def _arctan(a):
+    if abs(a) > 1:
+        return pi(DIGITS) / 2 * (1 if a > 0 else -1) - _arctan(1 / a)
+    for _ in range(4):
+        a = a / (1 + (1 + a * a).sqrt())
+    total, power, k = a, a, 1
+    while power and power.adjusted() > total.adjusted() - DIGITS - 5:
+        power, k = -power * a * a, k + 2
+        total += power / k
+    return 16 * total
+
+
 def _arctan2(y, x):
-    return flint.arb(0) if y == 0 and x == 0 else flint.arb.atan2(y, x)
+    if x > 0:
+        return _arctan(y / x)
+    if x < 0:
+        return _arctan(y / x) + pi(DIGITS) * (1 if y >= 0 else -1)
+    return pi(DIGITS) / 2 * ((y > 0) - (y < 0))
+
+
+def _tanh(a):
+    with localcontext(WIDE, prec=DIGITS + max(-a.adjusted(), 0) if a else DIGITS):
+        less = (-2 * abs(a)).exp()
+        return ((1 - less) / (1 + less)).copy_sign(a)
 
 
 RATIONAL = {
@@ -69,19 +129,19 @@ RATIONAL = {
     "not": lambda a: 1 - a,
     "where": lambda c, a, b: a if c else b,
 }
-BALLS = {
-    "sqrt": lambda a: a.sqrt(),
-    "pow": lambda a, b: flint.arb(0) if a == 0 else (b * a.log()).exp(),
-    "exp": lambda a: a.exp(),
-    "log": lambda a: a.log(),
-    "sin": lambda a: a.sin(),
-    "cos": lambda a: a.cos(),
-    "tan": lambda a: a.tan(),
-    "arctan": lambda a: a.atan(),
+DECIMAL = {
+    "sqrt": Decimal.sqrt,
+    "pow": lambda a, b: Decimal(0) if a == 0 else (b * a.ln()).exp(),
+    "exp": Decimal.exp,
+    "log": Decimal.ln,
+    "sin": lambda a: _angle(a, 0),
+    "cos": lambda a: _angle(a, 1),
+    "tan": lambda a: _angle(a, 0) / _angle(a, 1),
+    "arctan": _arctan,
     "arctan2": _arctan2,
-    "tanh": lambda a: a.tanh(),
-    "arcsin": lambda a: a.asin(),
-    "arccos": lambda a: a.acos(),
+    "tanh": _tanh,
+    "arcsin": lambda a: _arctan2(a, ((1 - a) * (1 + a)).sqrt()),
+    "arccos": lambda a: 2 * _arctan2((1 - a).sqrt(), (1 + a).sqrt()),
     "hypot": lambda a, b: (a * a + b * b).sqrt(),
 }
 DOMAINS = {

@@ -185,18 +185,14 @@ def of_runs(table: Any) -> dict[str, Any]:
     return {"runs": str(runs), "paths": str(paths), "ended": counts}
 
 
-def of_cells(table: Any, losing: bool) -> dict[str, Any]:
-    """The cells of a certified table, and those where the adversary wins."""
+def of_cells(table: Any) -> dict[str, Any]:
+    """The cells of a certified table."""
     if table.method != "certified":
         return {}
-    cells, shares = Digest(), []
+    cells = Digest()
     for start, within in entries(table):
         cells.add(np.packbits(table.bits(start=start, within=within)))
-        if losing:
-            cells.add(np.packbits(table.losing.bits(start=start, within=within)))
-    if losing:
-        shares = [float(table.unknown(start=0, within=within)) for within in range(table.steps + 1)]
-    return {"cells": str(cells), "unknown": shares}
+    return {"cells": str(cells)}
 
 
 def of_file(table: Any, path: Path) -> bool:
@@ -220,7 +216,7 @@ def measured(case: Case) -> dict[str, Any]:
         table = sdhj.solve(problem, case.method, progress=False, play=False, **stored)
         states = of_states(table)
         read = of_single_states(table, states["margins"], states["controller"])
-        found = of_values(table) | states | {"to go": read} | of_runs(table) | of_cells(table, case.losing)
+        found = of_values(table) | states | {"to go": read} | of_runs(table) | of_cells(table)
         found |= {"file": of_file(table, Path(folder) / "table.npz"), "problem": table.problem.digest}
         found |= {"steps": table.steps, "stored tubes": len(table.index), "says": repr(table)}
         if stored:

@@ -45,6 +45,7 @@ def faults(source: str) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_everything_is_compiled_by_the_decorator_that_watches_the_package() -> None:
     """But for the two files that make the decorators."""
     found = {path: faults((PACKAGE / path).read_text(encoding="utf-8")) for path in FILES}
@@ -178,6 +179,7 @@ def imports(file: Path) -> set[Path]:
     return found
 
 
+@pytest.mark.slow
 def test_a_kernel_belongs_to_the_files_that_it_imports(monkeypatch: pytest.MonkeyPatch) -> None:
     """A comment in a file changes the digests of those that import it, and no others."""
     before, folder = compiling.sources(), PACKAGE / "kernels"
@@ -219,6 +221,7 @@ def test_old_versions_are_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     compiling._clear.__wrapped__(tmp_path / "nowhere")
 
 
+@pytest.mark.slow
 def test_an_edit_elsewhere_compiles_nothing(tmp_path: Path) -> None:
     """A comment in any room but that of the kernels."""
     package = shutil.copytree(PACKAGE, tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
@@ -494,6 +497,7 @@ print(triple(2), len(triple.stats.cache_misses))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mine", [Path("kernels/compiling.py")], indirect=True, ids=str)
 def test_of_two_processes_one_compiles(mine: Path) -> None:
     """Both are about to call the same function when either does; the other one waits and reads what is kept."""

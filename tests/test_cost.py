@@ -181,6 +181,7 @@ MEASURED = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.access("/proc/self/clear_refs", os.W_OK), reason="the peak is asked of Linux")
 @pytest.mark.parametrize("bounds", ["[.1, .1]", pytest.param("lambda t: [.1 + .01 * t, .1]", marks=pytest.mark.slow)])
 def test_memory_does_not_grow_with_steps_beyond_the_table(bounds):

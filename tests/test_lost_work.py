@@ -56,6 +56,7 @@ def writing(folder, name="sdhj"):
     return started(WRITING.format(name=name) + (AS_A_COMMAND if name == "sdhj" else AS_A_PROGRAM), folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_the_command_ends_at_a_signal_with_a_sentence_and_no_litter(tmp_path, number, status):
     process = writing(tmp_path)
@@ -66,6 +67,7 @@ def test_the_command_ends_at_a_signal_with_a_sentence_and_no_litter(tmp_path, nu
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_programs_that_import_it_keep_their_own_signals(tmp_path):
     process = writing(tmp_path, name="robot.py")
     process.send_signal(signal.SIGINT)
@@ -73,6 +75,7 @@ def test_programs_that_import_it_keep_their_own_signals(tmp_path):
     assert "KeyboardInterrupt" in told and os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_package_that_imports_it_keeps_its_own_signals(tmp_path):
     """Also where `python -m` runs it, under whose name the command is known, too."""
     (tmp_path / "robot").mkdir()
@@ -83,6 +86,7 @@ def test_a_package_that_imports_it_keeps_its_own_signals(tmp_path):
     assert done.stdout == "True\n", done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_a_killed_process_leaves_no_half_written_file_under_its_name(tmp_path, number):
     killed = writing(tmp_path, name="robot.py")
@@ -91,6 +95,7 @@ def test_a_killed_process_leaves_no_half_written_file_under_its_name(tmp_path, n
     assert [name.startswith(".sdhj-") for name in os.listdir(tmp_path)] == [True]
 
 
+@pytest.mark.slow
 def test_no_ctrl_c_is_swallowed():
     """Python ignores what is raised while an object is taken away, a KeyboardInterrupt too."""
     swallow = """
@@ -167,6 +172,7 @@ def test_a_table_outlives_a_full_disk(tmp_path, files_of_at_most):
     assert (tmp_path / "t.npz").stat().st_size > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
 def test_pictures_on_a_full_disk_are_an_error_in_words(tmp_path, monkeypatch, files_of_at_most, kind):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import forged_robots
 import numpy as np
 import pytest
 import toys
@@ -124,18 +123,6 @@ def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
 def test_runs_remember(fast, adversary):
     report = sdhj.monte_carlo(sdhj.Controller(fast), 40, adversary=adversary, seed=1, steps=100, progress=False)
     assert report.rate("reached") == 1.0
-
-
-def test_what_is_lost_is_of_states():
-    """An interval leads all that a measurement may stand for to less than its error, which is no image of states."""
-    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 2.0) - 0.5)
-    problem = replace(forged_robots.calming(), steps=2, target=target)
-    forgets = replace(problem, sensing=sdhj.Sensing(0.1, memory=False))
-    lost = [
-        sdhj.solve(one, sdhj.Certified(cells=(160,)), progress=False, play=False).losing.bits(start=0, within=2)
-        for one in (problem, forgets)
-    ]
-    assert lost[0].any() and np.array_equal(*lost)
 
 
 def test_a_file_says_so(fast, tmp_path):

@@ -158,7 +158,6 @@ def imported(*patterns: str) -> dict[str, set[str]]:
 # Packages imported under another name than the one they are installed by, or that a declared one cannot do without.
 COMES_WITH = {
     "IPython": "ipywidgets",
-    "flint": "python_flint",
     "PIL": "pillow",
     "mpl_toolkits": "matplotlib",
     "nbformat": "nbval",
@@ -178,7 +177,7 @@ OURS = {"sdhj", "course"} | {
         ("sdhj/problem/maps.py", ["maps"]),
         ("sdhj/simulation/*.py", []),
         ("sdhj/simulation/environment.py", ["gym"]),
-        ("sdhj/certified/**/*.py", ["arb"]),
+        ("sdhj/certified/**/*.py", []),
         ("sdhj/arm/*.py", ["plot"]),  # an arm is drawn with shapely
         ("sdhj/plotting/*.py", ["plot"]),
         ("figures/**/*.py", ["plot", "bench", "physics"]),

@@ -25,7 +25,6 @@ START = np.array([0.45, 0.45])
 LEFT_OUT = (
     "played",
     "save",
-    "losing",
     "explain",
     "rules",
     "value_array",

@@ -37,6 +37,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_after_solve_nothing_needs_the_module(folder):
     table = sdhj.load(folder / "car.npz")
     start = table.centres(np.argwhere(table.bits(start=0, within=4))[:1])[0]
@@ -53,6 +54,7 @@ def test_after_solve_nothing_needs_the_module(folder):
     assert "one step nearer" in fine("verify", folder / "car.npz")
 
 
+@pytest.mark.slow
 def test_export_and_its_proof(folder):
     said = fine("export", folder / "car.npz", "-o", folder / "out", "--check")
     assert "bytes of flash" in said and "exported: filter" in said and "NOT" not in said
@@ -113,6 +115,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", BROKEN)
 def test_a_robot_that_is_broken_is_told_so_in_a_line(folder, tmp_path, what):
     old, new, sentence = BROKEN[what]

@@ -32,44 +32,31 @@ class Bounds:
 
     Only the part of a box that is on the grid counts. Bounds are infinite where a function may be undefined; ValueError
     from any method where a black box declares too little.
-
-    vertices (V, D) : signs, -1 or 1, of the vertices of the disturbance's box, to which the adversary then keeps: the
-        index j * V + v stands for input j under vertex v. None: any disturbance within its bounds, and indices are
-        those of the inputs.
     """
 
     problem: ReachAvoidProblem
-    vertices: FloatArray | None = None
-
-    def input(self, j: int) -> int:
-        """The index in `problem.inputs` of the input that the index j stands for: j, or j // V with vertices."""
-        return j if self.vertices is None else j // len(self.vertices)
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """The least and the greatest velocity under u_j for states in boxes from low to high, (M, ndim) each.
 
         Returns (2, M, ndim), for all times from t0 to t1, s; infinite where no bound is known. Only the part of a box
-        that is on the grid counts. With vertices j is j * V + v (`Bounds`).
+        that is on the grid counts.
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
-        signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
-        j = self.input(j)
         # obligation 2.22
-        return within_grid(
-            grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1), signs)
-        )
+        return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1)))
 
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
         """A bound from below (side 0) or from above (side 1) on the velocity along one axis in boxes (M, ndim): (M,).
 
-        It is the entry [side, :, axis] of `velocity`: it holds for all times from t0 to t1, s, under the input that the
-        index j stands for, and is infinite where no bound is known. Where the dynamics are formulas of drift and gain,
-        and the disturbance is not kept to vertices, the other components are not computed, which is faster.
+        It is the entry [side, :, axis] of `velocity`: it holds for all times from t0 to t1, s, and is infinite where no
+        bound is known. Where the dynamics are formulas of drift and gain, the other components are not computed, which
+        is faster.
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
-        if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
+        if not dynamics.formulas or dynamics.gain is None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]

@@ -58,7 +58,6 @@ from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import finest, peak_bytes, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, place_axes
-from sdhj.certified.oblique import normals_of
 from sdhj.certified.packing import packed_axis
 from sdhj.certified.word_tubes import goes_along, in_words, pieces_of, size_in_words
 from sdhj.formulas.formula import BlackBox
@@ -229,7 +228,7 @@ def _words_filled(
     """
     axes = _picked(cells, places)
     depends = place_axes(problem, axes)
-    packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
+    packed = packed_axis(problem.grid, axes, depends)
     if depends[packed] or problem.grid.has("frees"):
         return []
     counts, words = [axis.count for axis in cells[packed]], in_whole_words(axes[packed].count) // 64
@@ -838,7 +837,7 @@ def _cost_of_recursion(
     cells = math.prod(axis.count for axis in axes)
     if goes_along(problem, depends, range(len(axes))):
         return entries * IN_WORDS * size_in_words(axes) * len(problem.inputs)
-    packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
+    packed = packed_axis(problem.grid, axes, depends)
     alone = depends[packed] or problem.grid.has("frees")
     widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
     whole = cells / counts[packed] * in_whole_words(counts[packed])  # part of a word takes as long

@@ -179,8 +179,6 @@ class _Cell:
         are certified. `by` is "rounding" where the state alone leads to certified cells only, else "image".
         """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
-        held = self.table.proof.in_image(cells, self.cell, j, self.step)
-        cells, missing = cells[held], missing[held]
         counts, lost = self.table.cells.counts, cells[missing]
         if not len(lost):
             return Failure(j, "", 0.0, "all cells that it may lead to are certified")

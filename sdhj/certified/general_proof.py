@@ -7,7 +7,7 @@ is clear of the set where it overlaps none of them.
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from typing import Any, ClassVar
 
@@ -18,7 +18,6 @@ from sdhj.certified.arrivals import Arrivals, sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
-from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
 from sdhj.certified.packing import Changes, Packing
 from sdhj.certified.word_tubes import (
     Lattice,
@@ -165,7 +164,7 @@ def peak_bytes(
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
     needed += 8 * size_in_words(axes) * (moves[1] + SETS_AT_HAND) if tested else 0
-    needed += most_bytes(problem, axes, own) + math.prod(sites_of(problem, axes, own)[1])
+    needed += math.prod(sites_of(problem, axes, own)[1])
     if own[-1]:  # once more, as the recursion asks for them
         needed += 4 * math.prod(moves[1:]) + math.prod(clear[1:])
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
@@ -192,15 +191,9 @@ class GeneralProof(Images):
     clear: FloatArray
     sites: FloatArray
     arrives: FloatArray
-    _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
     most_boxes: ClassVar[int] = BOXES_OF_A_SET
     most_pieces: ClassVar[int] = FINEST
-
-    @property
-    def lines(self) -> Lines:
-        """The lines of oblique images; none before `prepare` has drawn them or `load` has read them."""
-        return self._drawn[0] if self._drawn else super().lines
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
@@ -220,8 +213,8 @@ class GeneralProof(Images):
 
     @property
     def nbytes(self) -> int:
-        """The bytes that the proof's arrays take in memory, lines included."""
-        arrays = [*vars(self).values(), *self.layout, *self.lines]
+        """The bytes that the proof's arrays take in memory."""
+        arrays = [*vars(self).values(), *self.layout]
         return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
 
     @property
@@ -272,19 +265,16 @@ class GeneralProof(Images):
         """The proof's part of a file's head, which `load` is handed again: values that JSON can hold.
 
         "parts", "own": for each axis whether it is one of a place, "unsure": E; "arrives": True where there are
-        arrivals, and "normals" and "halo" where images are lines (`sdhj.certified.oblique.Lines`).
+        arrivals.
         """
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
-        told |= {"arrives": True} if len(self.arrives) else {}
-        lines = self.lines
-        return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
+        return told | ({"arrives": True} if len(self.arrives) else {})
 
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """The proof's arrays in a file: "low", "high" and "clear", and "arrives" and "lines" where there are any."""
+        """The proof's arrays in a file: "low", "high" and "clear", and "arrives" where there are any."""
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
-        found = {name: getattr(self, name) for name in names}
-        return found | ({"lines": self.lines.each} if len(self.lines.normals) else {})
+        return {name: getattr(self, name) for name in names}
 
     @classmethod
     def load(
@@ -296,6 +286,10 @@ class GeneralProof(Images):
         ValueError where what is stated, or the shape or the type of an array, does not fit the problem and its cells;
         the bits of the arrays are not checked.
         """
+        if unknown := stated.keys() - {"parts", "own", "unsure", "arrives"}:
+            raise ValueError(
+                f"its proof has {', '.join(sorted(unknown))}, which this version does not know; solve it anew"
+            )
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
         own = np.array(stated["own"], np.bool_)
@@ -305,10 +299,7 @@ class GeneralProof(Images):
         marks = read_array(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
         if stated.get("arrives"):
             marks = *marks[:2], read_array(file, "arrives", "uint8", arrives)
-        proof = cls(problem, axes, parts, strides, *read_only((*arrays, *marks)))
-        if "normals" in stated:
-            proof._drawn.append(lines_in_file(stated, file, proof))
-        return proof
+        return cls(problem, axes, parts, strides, *read_only((*arrays, *marks)))
 
     # ---- the recursion; sets are (rows, W) uint64
 
@@ -340,12 +331,12 @@ class GeneralProof(Images):
         return np.asarray(reduce(np.add.outer, [flat * np.arange(count) for flat, count in each])).ravel()
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill moves, lines, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.
+        """Fill moves, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.
 
         To be called once: the arrays cannot be filled again. progress : whether to show bars, as for `sdhj.solve`.
         ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
-        drawing, arrivals, tested = Drawing(self), Arrivals(self), self.sets_tested_in_words
+        arrivals, tested = Arrivals(self), self.sets_tested_in_words
         mark = partial(self._mark_collisions, self._lattices(progress))
         tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
@@ -356,14 +347,12 @@ class GeneralProof(Images):
             move in each part and up to the interval's end (`Images.swept`).
             """
             mark(start, j, some, tubes)
-            drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
             if tested:
                 tubes_at_hand[start, j, some] = tubes
 
         pieces = min(int(finest(self.problem, self.parts, self.low.shape)), self.most_pieces)
         self.fill(pieces, progress, use)
-        self._drawn.append(drawing.lines)
         for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
             self._mark_in_words(unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
@@ -608,7 +597,7 @@ class GeneralProof(Images):
         changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
             may be there are asked about. None: all are.
         """
-        prepared.add(cells, following, step, changed, self.clear, 1)
+        prepared.add(cells, following, step, changed, self.clear)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.

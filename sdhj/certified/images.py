@@ -33,14 +33,13 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, prediction_error_along, sees_walls
-from sdhj.certified.oblique import Lines, no_lines
 from sdhj.formulas.formula import Ends
 from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
 from sdhj.kernels.pieces import clip_to_walls, guess_enclosure, move_on, narrow_to_face, sweep
-from sdhj.kernels.stencils import Moves, has_lines
+from sdhj.kernels.stencils import Moves
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -132,7 +131,7 @@ class Proof(ReadOnly):
     """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
 
     The protocol of a proof. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`;
-    a table asks `image`, `in_image`, `places` and `inputs` about its cells. Of those that are not here the full
+    a table asks `image`, `places` and `inputs` about its cells. Of those that are not here the full
     contracts are those of `sdhj.certified.general_proof.GeneralProof` and of `Images`.
     """
 
@@ -149,13 +148,6 @@ class Proof(ReadOnly):
     def places(self, some: FloatArray) -> FloatArray:
         """The numbers of the places of cells `some` (M, ndim): (M,) int64; cells at a place move alike. Here all 0."""
         return np.zeros(len(some), np.int64)
-
-    def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
-        """Which of the cells (M, ndim) of the box `image` of a cell (ndim,) are in its image under u_j: (M,) bool.
-
-        Here all of them. step : when the interval begins. Nothing is checked.
-        """
-        return np.ones(len(cells), np.bool_)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to `cells`, S_k^1 for k = step, in place, those that an input leads into the target itself.
@@ -177,11 +169,6 @@ class Proof(ReadOnly):
     def shrinks(self) -> bool:
         """Whether sets lose cells, rather than gain them, with every step to go: without a target."""
         return self.problem.has_no_target
-
-    @property
-    def all_at_first(self) -> bool:
-        """Whether all cells are looked at for S_k^1, not only those whose images may hold cells of S_{k+1}^0."""
-        return self.shrinks
 
     @kept
     def cells(self) -> Cells:
@@ -310,54 +297,23 @@ class Images(Proof):
         """The safe ends of axes, (2, ndim), past which nothing is asked of an image; infinite for all other ends."""
         return np.stack(self.problem.grid.faces("frees"))
 
-    @property
-    def lines(self) -> Lines:
-        """The lines of oblique images (`sdhj.certified.oblique`); here there are none."""
-        return no_lines(len(self.axes))
-
     def moves(self, step: int) -> Moves:
         """The images of the interval from a step as arrays for compiled code, `Moves`.
 
         step : not used where images are known for one start only, which then serve all steps.
         """
-        start, lines = min(step, len(self.low) - 1), self.lines
-        each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
-        oblique: Any = read_only(lines.normals.any(axis=0))
-        return Moves(
-            self.low[start], self.high[start], self.strides, self.open_ends, read_only(each), oblique, lines.halo
-        )
+        start = min(step, len(self.low) - 1)
+        return Moves(self.low[start], self.high[start], self.strides, self.open_ends)
 
     @cached_property
     def along(self) -> int:
-        """The last axis before the packed one that is no place's and has no safe end; -1 if there is none.
-
-        -1 as well where images are lines.
-        """
+        """The last axis before the packed one that is no place's and has no safe end; -1 if there is none."""
         shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.open_ends[:, :-1]).any(axis=0))
-        if len(self.lines.normals):  # an image is no product of what it is along the axes
-            return -1
         return int(shift_invariant[-1]) if shift_invariant.size else -1
 
     def places(self, some: FloatArray) -> FloatArray:
         """The numbers of the places of cells `some` (M, ndim), sum(cell * strides): (M,)."""
         return np.asarray(some @ self.strides)
-
-    def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
-        """Which of the cells (M, ndim) of the box `image` of a cell (ndim,) are in its image under u_j: (M,) bool.
-
-        All cells are, unless the image is lines.
-
-        cells : indices that are not yet taken around periodic axes; all of the box, which is not checked.
-        step : when the interval begins.
-        """
-        moves, place = self.moves(step), int(cell @ self.strides)
-        if not has_lines(cell, moves, self.cells, len(cell)):
-            return super().in_image(cells, cell, j, step)
-        low, high, number = moves.low[j, place].astype(np.int64), moves.high[j, place].astype(np.int64), 0 * cells[:, 0]
-        for axis in np.flatnonzero(moves.oblique[:-1]).tolist():
-            number = number * (high[axis] - low[axis] + 1) + cells[:, axis] - cell[axis] - low[axis]
-        first, last = moves.lines[j, place, number].T
-        return np.asarray((cell[-1] + first <= cells[:, -1]) & (cells[:, -1] <= cell[-1] + last))
 
     @kept
     def depends(self) -> FloatArray:
@@ -595,7 +551,7 @@ class Images(Proof):
 
         ends, enclosure : (2, M, ndim). times : of the piece, s.
         """
-        names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
+        names, u = self.problem.grid.names, f"input {j}"
         for boxes in (ends, enclosure):
             unknown = ~np.isfinite(self.bounds.velocity(j, boxes[0], boxes[1], *times)).all(axis=0)
             if unknown.any():

@@ -25,18 +25,17 @@ FEWEST = 16  # cells of an axis that is packed in place of the last
 Changes = tuple[FloatArray, FloatArray] | None
 
 
-def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray, oblique: bool) -> int:
+def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray) -> int:
     """The number of the axis along which sets are packed in the recursion.
 
     The longest axis of at least `FEWEST` cells that is no axis of a place, so that all cells along it move alike. The
-    last axis instead if it is no axis of a place itself, if there is no such axis, if images are lines, or if an axis
-    of the grid has a safe end.
+    last axis instead if it is no axis of a place itself, if there is no such axis, or if an axis of the grid has a safe
+    end.
 
     axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
-    oblique : whether images are lines (`sdhj.certified.oblique`), which are along the last axis.
     """
     alike = [k for k, own in enumerate(axes) if not depends[k] and own.count >= FEWEST]
-    if not depends[-1] or not alike or oblique or grid.has("frees"):
+    if not depends[-1] or not alike or grid.has("frees"):
         return len(axes) - 1
     return max(alike, key=lambda k: axes[k].count)
 
@@ -46,7 +45,7 @@ class _Swapped(NamedTuple):
 
     cells : the cells of all axes. moves : the images of the step's interval.
     far (2, ndim) : the box of `Images.farthest_moves` for this interval.
-    marks (cells, bytes) uint8 : the bits of clear inputs; (0, 0): all are clear.
+    marks (cells, bytes) uint8 : the bits of clear inputs.
     """
 
     cells: Cells
@@ -73,18 +72,15 @@ class Packing:
     """
 
     def __init__(self, proof: Any) -> None:
-        """For a proof, an `sdhj.certified.images.Images` whose moves, and lines if it has any, are filled."""
+        """For a proof, an `sdhj.certified.images.Images` whose moves are filled."""
         self.proof, last = proof, len(proof.axes) - 1
-        oblique = bool(len(proof.lines.normals))
-        self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0, oblique)
-        self.alike = not oblique and goes_along(proof.problem, proof.strides > 0, range(last + 1))
+        self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0)
+        self.alike = goes_along(proof.problem, proof.strides > 0, range(last + 1))
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}
 
-    def add(
-        self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray, groups: int
-    ) -> None:
+    def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray) -> None:
         """Add to `cells` each cell whose image under a clear input is in `following`; in place.
 
         Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input.
@@ -93,17 +89,15 @@ class Packing:
         step : that of `cells`; where moves or marks are known for one step only, these are taken.
         changed : the rows of `following`, and bits, that differ from the set that was `following` when `cells` was
             made; only words of cells whose images may hold one are looked at. None: all are. Not used where all cells
-            move alike, `groups` is 1 and there are marks.
-        marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear; (starts, 0, 0): all inputs are.
-        groups : how many groups of equal length the moves fall into, one after the other; a cell needs a clear input
-            of each group.
+            move alike.
+        marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear.
         """
         some = self._at(step, marks)
-        if self.alike and groups == 1 and marks.size:
+        if self.alike:
             self._add_alike(cells, following, some)
             return
         if self.axis == len(self.order) - 1:
-            self._grow(cells, following, changed, some, groups)
+            self._grow(cells, following, changed, some)
             return
         if changed is not None:
             whole = np.zeros_like(following)
@@ -112,18 +106,18 @@ class Packing:
             rows = np.flatnonzero(whole.any(axis=1))
             changed = rows, whole[rows]
         inside = self._swapped(cells, False)
-        self._grow(inside, self._swapped(following, False), changed, some, groups)
+        self._grow(inside, self._swapped(following, False), changed, some)
         cells[...] = self._swapped(inside, True)
 
     def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
-        """`add` where all cells move alike and there is one group.
+        """`add` where all cells move alike.
 
         The image of a cell is a window of cells, the same from each cell. It does not lie in `following` if it contains
         a cell outside: so the cells outside are united over that window (`sdhj.certified.word_tubes.united`).
 
         cells : (rows, W) uint64, modified in place: cells are added, or taken away where sets shrink.
         following : (rows, W) uint64, as for `add`; both are packed along the last axis.
-        some : cells, moves and marks of the interval, of `_at`; there must be marks of clear inputs.
+        some : cells, moves and marks of the interval, of `_at`.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))  # obligation 3.32
@@ -135,14 +129,14 @@ class Packing:
             add_predecessors(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)  # obligation 3.33
         cells[...] = led if self.proof.shrinks else cells | led  # obligation 3.34
 
-    def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped, groups: int) -> None:
+    def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
         """`add` for sets that are packed along `axis` already; `cells` is modified in place.
 
-        cells, following, changed, groups : as for `Packing.add`, but along `axis`. some : of the step.
+        cells, following, changed : as for `Packing.add`, but along `axis`. some : of the step.
         """
         near = np.full(cells.shape, True) if changed is None else reached_words(*changed, some.far, some.cells)
         extended = self._extended(following, some)
-        grow(near, cells, extended, some.marks, some.moves, groups, some.cells, self.proof.shrinks)
+        grow(near, cells, extended, some.marks, some.moves, some.cells, self.proof.shrinks)
 
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
         """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
@@ -151,19 +145,13 @@ class Packing:
         repeats the row of a periodic axis, and the first and the last cell of a bounded one. The set is returned as it
         is where a place depends on the packed axis, an end is safe, or images reach farther than the axis is long.
 
-        Its levels follow (`with_levels`), as many as the highest image needs, so that few rows of it are asked for.
-
         some : of the step.
         """
         moves, counts = some.moves, some.cells.counts
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > counts[-1]:
             return following
-        rows = with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
-        if counts.size == 1 or len(moves.lines):
-            return rows
-        height = 1 + int((moves.high - moves.low)[..., -2].max())
-        return with_levels(rows, int(counts[-2]), height.bit_length())
+        return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
 
     def _at(self, step: int, marks: FloatArray) -> _Swapped:
         """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
@@ -188,10 +176,8 @@ class Packing:
 
         cells = in_order(some.cells, ("lower", "width", "length", "layers", "counts", "periodic"))
         moves = in_order(some.moves, ("low", "high", "strides", "safe"))
-        marks = some.marks
-        if marks.size:
-            marks = np.swapaxes(marks.reshape(*some.cells.counts, number), self.axis, len(order) - 1)
-        marks = np.ascontiguousarray(marks.reshape(-1, number) if marks.size else marks)
+        marks = np.swapaxes(some.marks.reshape(*some.cells.counts, number), self.axis, len(order) - 1)
+        marks = np.ascontiguousarray(marks.reshape(-1, number))
         return _Swapped(cells, moves, *read_only((np.ascontiguousarray(some.far[..., order]), marks)))
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
@@ -205,21 +191,6 @@ class Packing:
         out = np.empty((len(sets) // first * last, -(-first // 64)), np.uint64)
         swap_packed(sets, first, math.prod(counts[self.axis + 1 : -1].tolist()), last, out)
         return out
-
-
-def with_levels(rows: FloatArray, count: int, levels: int) -> FloatArray:
-    """The rows (R, W) of a set, and in further levels what rows have in common: (levels R, W) uint64.
-
-    Row l R + r is the intersection of row r and the 2^l - 1 behind it, taken around. So an image of any number of rows
-    is in the set if it is in two rows of a level, 2^l apart at most.
-
-    count : how many rows are behind each other, along the axis before the packed one. levels : at least 1.
-    """
-    out = [rows]
-    for level in range(levels - 1):
-        before = out[-1].reshape(-1, count, rows.shape[1])
-        out.append((before & np.roll(before, -(1 << level), axis=1)).reshape(rows.shape))  # obligation 3.37
-    return np.concatenate(out)
 
 
 def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:

@@ -15,7 +15,6 @@ from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.limits import Limits
-from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
@@ -24,7 +23,6 @@ from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import recursion
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
 from sdhj.table.container import Contents
@@ -514,45 +512,6 @@ class CertifiedTable(Table):
         """
         return Limits(self, CellSets)
 
-    @cached_property
-    def losing(self) -> "CertifiedTable":
-        """The cells from which the adversary surely wins, as a table with `bits`, `contains` and `fraction` of these.
-
-        Computed once, at first use, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
-        evaluate a function of the problem, as for the arm's case study, or an end is safe.
-        """
-        return lost_cells(self.problem, self.axes, self.proof.parts)
-
-    def unknown(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the state space proved neither won nor lost, the most that more cells can still decide.
-
-        The first call makes the sets of lost states (`losing`), which takes about as long as the solve.
-
-        Parameters
-        ----------
-        start : int
-            k, the step at which the robot is there, from 0 to N.
-        within : int, optional
-            n, the most steps that it may take; by default all that are left, N - start.
-
-        Raises
-        ------
-        ValueError
-            If `start` or `within` does not fit, or if lost states cannot be told, as of the paper's own arm and of
-            grids with safe ends.
-        MemoryError
-            If the sets of lost states do not fit into memory.
-
-        Examples
-        --------
-        With the robot on a line of `help(sdhj)`, certified:
-
-        >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
-        >>> bool(0 <= proved.unknown() < 0.3)
-        True
-        """
-        return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
-
     def steps_of_rounding(self, rounding: float = 1e-14) -> int:
         """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.
 
@@ -668,7 +627,7 @@ class CellSets:
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
-        every = self.proof.all_at_first and within == 1
+        every = self.proof.shrinks and within == 1
         self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
         if within == 1:
             self.proof.add_arriving(self.cells, step)
@@ -737,21 +696,6 @@ def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> F
         "Use more cells, a longer delta, or give the problem a number of steps",
         UnsettledWarning,
     )
-
-
-def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """The cells from which the adversary surely wins, as a table whose `contains`, `bits` and `fraction` are of these.
-
-    Computed as for a controller without memory, whose images are of states; one that remembers does not win from there
-    either.
-
-    axes : the cells of each axis. parts : into which an interval is cut. ValueError and MemoryError as from
-        `LosingProof.against`, and ValueError as from `LosingProof.prepare`.
-    """
-    problem = replace(problem, sensing=replace(problem.sensing, memory=False))
-    sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
-    recursion(sets, problem.most_steps, lambda: None)
-    return sets.finish({})
 
 
 def _cells(table: CertifiedTable, within: int) -> BlackBox:

@@ -14,7 +14,7 @@ import numpy as np
 from sdhj.kernels.compiling import inlined
 
 # Errors: fdlibm and Cephes have less than one unit in the last place each; here what is left out of the second words of
-# reduced arguments (1 for sin, cos and pow, 2 for tan and the arcs), and quotients, add to it. Tested against Arb.
+# reduced arguments (1 for sin, cos and pow, 2 for tan and the arcs), and quotients, add to it. Tested exactly.
 TURNS = 2.0**26  # quarter turns; sin, cos and tan beyond it are NaN: an argument of 1e8 has lost half its digits
 LAPS = 2.0**24  # mod beyond it is NaN: its differences would be rounded
 NAN, INF = math.nan, math.inf

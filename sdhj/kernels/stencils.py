@@ -24,20 +24,12 @@ class Moves(NamedTuple):
     strides : (ndim,) int64; a cell is at the place sum(cell * strides).
     safe : (2, ndim), the safe ends, infinite where there are none. Of what is past one by a cell or more, and so by
         more than rounding, no cell is asked for.
-    lines : (L, places, rows, 2) int16, where images are oblique (`sdhj.certified.oblique`): the first and the last cell
-        along the last axis, as offsets, of each row of the box over the axes that are `oblique`. Else of length 0.
-    oblique : (ndim,) bool.
-    halo : (2, ndim) int64; a cell with fewer cells than this before it, or behind it, on some axis has a box in place
-        of lines.
     """
 
     low: FloatArray
     high: FloatArray
     strides: FloatArray
     safe: FloatArray
-    lines: FloatArray = np.zeros((0, 0, 0, 2), np.int16)
-    oblique: FloatArray = np.zeros(0, np.bool_)
-    halo: FloatArray = np.zeros((2, 0), np.int64)
 
 
 class Boxes(NamedTuple):
@@ -149,62 +141,16 @@ def rows_inside(total, cells, index, pool, scratch):
 
 
 @kernel(**UNCOUNTED)
-def has_lines(cell, moves, cells, axes):
-    """Whether the image of a cell is lines: there are some, and the cell is `halo` cells from the ends of axes.
-
-    moves : the `Moves`. axes : how many axes count, the first ones.
-    """
-    for axis in range(axes if moves.lines.shape[0] > 0 else 0):
-        # obligation 3.20
-        if cell[axis] < moves.halo[0, axis] or cell[axis] >= cells.counts[axis] - moves.halo[1, axis]:
-            return False
-    return moves.lines.shape[0] > 0
-
-
-@kernel(inline="always")
-def line_of_box(box, oblique):
-    """The number of the line of `Moves` at which a box (3, ndim) stands, over the oblique axes but the last.
-
-    box : of `box_of_image`, moved by `next_in_box`. oblique (ndim,) bool.
-    """
-    line = 0
-    for axis in range(oblique.size - 1):
-        if oblique[axis]:
-            line = line * box[1, axis] + box[2, axis]
-    return line
-
-
-@kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
-    """Whether the image of a cell under move j, a box or lines, is in a set, whose rows are the blocks pool[index].
+    """Whether the image of a cell under move j is in a set, whose rows are the blocks pool[index].
 
     True where the image is past a safe end.
 
     cell (ndim,), place : the cell, and the number of its place. moves : the `Moves`. cells : the `Cells`. index (R,),
         pool (B, W) uint64 : the number of each row's block, and the blocks. scratch (3, ndim) int64 : overwritten.
     """
-    last = cell.size - 1
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
-    if not has_lines(cell, moves, cells, cell.size):
-        return rows_inside(total, cells, index, pool, scratch)
-    whole = cells.counts[last]
-    for _ in range(total):
-        line = moves.lines[j, place, line_of_box(scratch, moves.oblique)]
-        begin, end = cell[last] + line[0], cell[last] + line[1] + 1
-        if not cells.periodic[last]:
-            begin, end = min(max(begin, 0), whole - 1), max(min(end, whole), 1)
-        elif end - begin >= whole:
-            begin, end = 0, whole
-        else:
-            begin, end = begin % whole, begin % whole + end - begin  # obligation 3.27
-        if line[0] <= line[1]:  # obligation 3.22
-            block = pool[index[row_of_box(scratch, cells)]]
-            if not has_bits(block, begin, min(end, whole)):  # obligation 3.23
-                return False
-            if end > whole and not has_bits(block, 0, end - whole):  # obligation 3.28
-                return False
-        next_in_box(scratch[2], scratch[1], last)
-    return True
+    return rows_inside(total, cells, index, pool, scratch)
 
 
 @kernel(inline="always")
@@ -242,40 +188,19 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
     cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
     moves : the `Moves`. cells : the `Cells`.
-    extended (levels R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along
-        the last axis, in words, and their levels (`sdhj.certified.packing.with_levels`): one where images are lines.
+    extended (R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along
+        the last axis, in words.
     scratch (3, ndim) int64 : overwritten.
     found (L,) uint64 : the cells that are asked for, under each move; the bits of the others are set to 0, in place.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
-    inner = np.uint64(0)  # the cells of which images are lines
-    for bit in range(64 if has_lines(cell, moves, cells, last) else 0):
-        if moves.halo[0, last] <= 64 * word + bit < count - moves.halo[1, last]:  # obligation 3.25
-            inner |= BIT << np.uint64(bit)
-    rows, beside = 1, max(last - 1, 0)
-    for axis in range(last):
-        rows *= cells.counts[axis]
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
-        level, number = 0, scratch[1, beside]
-        while (level + 1) * rows < len(extended) and 2 << level <= number:
-            level += 1
-        if level > 0:  # few rows of that level, the last of which may overlap
-            scratch[1, beside] = -(-number >> level)
-            total = total // number * scratch[1, beside]
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
         for _ in range(total):
-            at = scratch[2, beside]
-            scratch[2, beside] = min(at << level, number - (1 << level))  # obligation 3.36
-            block = extended[level * rows + row_of_box(scratch, cells)]
-            scratch[2, beside] = at
-            if inner != ~np.uint64(0):
-                found[j] &= runs_of_any_length(block, begin, min(length, count)) | inner
-            if inner != 0:
-                line = moves.lines[j, place, line_of_box(scratch, moves.oblique)]
-                # obligation 3.26
-                found[j] &= runs_of_any_length(block, start + line[0], min(1 + line[1] - line[0], count)) | ~inner
+            block = extended[row_of_box(scratch, cells)]
+            found[j] &= runs_of_any_length(block, begin, min(length, count))
             if found[j] == 0:
                 break
             next_in_box(scratch[2], scratch[1], last)
@@ -284,16 +209,15 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
 
 @kernel(parallel=True)
-def grow(near, inside, following, clear, moves, groups, cells, keep):
+def grow(near, inside, following, clear, moves, cells, keep):
     """Add to a set the cells that moves lead into `following`; for `keep`, keep only such cells of it. In place.
 
-    Only cells in words that are `near` are looked at. A cell needs a clear move of every group.
+    Only cells in words that are `near` are looked at. A cell needs a move that is clear.
 
     near (R, W) bool : the words. inside, following (R, W) uint64 : the two sets; `inside` is modified in place. Where
         all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
-    clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
-    moves, groups : the `Moves`, which fall into `groups` groups of one length, one after the other.
-    cells : the `Cells`. keep : bool, whether cells are taken away instead of added.
+    clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
+    keep : bool, whether cells are taken away instead of added.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
     for i in prange(rows):
@@ -301,25 +225,24 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
         if near[row].any():
             images_in = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
             scratch = np.empty((4, ndim), np.int64), images_in
-            grow_row(row, (near[row], inside[row], index, following), clear, moves, groups, cells, keep, scratch)
+            grow_row(row, (near[row], inside[row], index, following), clear, moves, cells, keep, scratch)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
+def grow_row(row, sets, clear, moves, cells, keep, scratch):
     """Add to one row of a set the cells that moves lead into another; for `keep`, keep only such cells. In place.
 
     What `grow` does, for row number `row`.
 
     sets : (near (W,), inside (W,), index (R,), pool), the words of the row that are looked at, the row itself, modified
         in place, and the other set by the number of each row's block, and the blocks.
-    clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
-    moves, groups : the `Moves`, which fall into `groups` groups of one length; a cell needs a move of every group.
-    cells : the `Cells`. keep : bool.
+    clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
+    keep : bool.
     scratch : (4, ndim) int64, and (L,) uint64 where `pool` is extended as in `images_inside`, else of length 0;
         overwritten.
     """
     (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
-    last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
+    last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
@@ -335,21 +258,15 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
                 continue
             cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
             place = begin + bit * moves.strides[cell.size - 1]
-            for group in range(groups if found else 0):
-                found = False
-                for turn in range(each):
-                    j = (tried + turn) % each  # what served before is tried first
-                    at = group * each + j
-                    if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.7
-                        continue
-                    if images_in.size > 0:
-                        found = (images_in[at] >> np.uint64(bit & 63)) & BIT != 0
-                    else:
-                        found = move_inside(cell, at, place, moves, cells, index, pool, indices)
-                    if found:
-                        tried = j
-                        break
-                if not found:
+            for turn in range(count if found else 0):
+                j = (tried + turn) % count  # what served before is tried first
+                found = (clear[number, j >> 3] >> (j & 7)) & 1 != 0  # obligation 3.7
+                if found and images_in.size > 0:
+                    found = (images_in[j] >> np.uint64(bit & 63)) & BIT != 0
+                elif found:
+                    found = move_inside(cell, j, place, moves, cells, index, pool, indices)
+                if found:
+                    tried = j
                     break
             if found != keep:
                 inside[word] ^= BIT << np.uint64(bit & 63)
@@ -710,8 +627,7 @@ def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
     goes on along the axis, and only what of it is new is looked at.
 
     some (M, ndim), steps_left (M,) : the cells, those of a line one after the other, and the steps to go of each, at
-        least 1; the set is that with steps_left[m] - 1 steps to go. cells : the `Cells`. moves : the `Moves`, which are
-        boxes.
+        least 1; the set is that with steps_left[m] - 1 steps to go. cells : the `Cells`. moves : the `Moves`.
     along : an axis, not the last one, that no place depends on, without safe ends.
     sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ... steps to go, n >= 1, and the blocks.
     out (M, L) bool : the inputs that are asked about.

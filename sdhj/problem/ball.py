@@ -23,8 +23,8 @@ class Ball:
     segment along each of its K = sides / 2 directions, so v then has K components w of a box: the velocity is
     drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with |w_k| <= radius tan(pi / (2 K)). Adversaries choose
     these, and `Dynamics.gain` and `bounds` are theirs. Methods "hji" and "lax", margins and the filter play the
-    polygon; projections on fewer axes, and whatever plays boxes, the box around it, which is that of the ball where K
-    is even. Where a certified table plays boxes, bounds=[radius, radius] proves more: cells are aligned with it.
+    polygon; projections on fewer axes and certified tables the box around it, which is that of the ball where K is
+    even. For a certified table bounds=[radius, radius] proves more: cells are aligned with it.
 
     Where v does not enter the velocity linearly, the ball itself is played: v is then a (cos b, sin b) with |a| <=
     radius and |b| <= pi / 2, which are the two components of `problem.dynamics`, and cut into `Dynamics.pieces` each,

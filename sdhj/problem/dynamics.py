@@ -6,7 +6,7 @@ dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(q, u_j, t),  
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -26,7 +26,6 @@ CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not ente
 AT_ONCE = 1 << 20  # points and pieces whose velocities are bounded together
 MOST_INPUTS = 1 << 16  # an export in C numbers them by 16 bits
 Times = tuple[float, float]
-Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
 
 
 @dataclass(frozen=True)
@@ -50,9 +49,9 @@ class Dynamics:
         In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
         between its extremes over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many pieces methods "hji" and "certified", and margins, cut the range of each component of v that does
-        not enter linearly and moves several axes; the error falls with their number, to the first order, and cost and
-        memory grow with it.
+        Into how many pieces method "hji", and margins, cut the range of each component of v that does not enter
+        linearly and moves several axes; the error falls with their number, to the first order, and cost and memory grow
+        with it. Certified tables take the whole range.
 
     Raises
     ------
@@ -619,21 +618,18 @@ class VectorField(Remembering):
             return np.stack([low, high], axis=1)
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
-    def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
+    def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
         """Lower and upper bounds, (M, ndim) each, of the velocity under input j over M boxes of states and an interval
         of time.
 
-        low, high (M, ndim) : corners of the boxes. time : (begin, end), s. signs : (D,) of -1 and 1, the vertex of its
-        box that v keeps to; by default v is any. The bounds are -inf and inf where a velocity may be undefined;
-        ValueError where a black box does not declare enough.
+        low, high (M, ndim) : corners of the boxes. time : (begin, end), s. The bounds are -inf and inf where a velocity
+        may be undefined; ValueError where a black box does not declare enough.
         """
         if not self.formulas:
-            return self._declared(j, low, high, time, signs)
+            return self._declared(j, low, high, time)
         if self.gain is None:
-            v = zip(*self.disturbance_bounds(j, low, high, time, signs), strict=True)
+            v = zip(*self.disturbance_bounds(j, low, high, time), strict=True)
             return self.functions_by_input["drift"][j].bounds(low, high, time, *v)
-        if signs is not None:
-            return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
 
@@ -661,47 +657,25 @@ class VectorField(Remembering):
             self.extremes(points, j, t)  # says what is wrong
         return found
 
-    def disturbance_bounds(
-        self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None
-    ) -> FloatArray:
-        """Least and greatest v under input j in an interval of time (begin, end), s: (2, D).
+    def disturbance_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> FloatArray:
+        """Least and greatest v under input j in an interval (begin, end), s: -+ the greatest half-widths, (2, D).
 
-        -+ the greatest half-widths; with `signs` the range of sign_d bounds_d.
-
-        low, high (M, ndim) : any boxes, at least one; bounds depend on no state. signs : (D,) of -1 and 1, the vertex
-        of its box that v keeps to; by default v is any.
+        low, high (M, ndim) : any boxes, at least one; bounds depend on no state.
         """
         ends = np.array(self.functions_by_input["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
-        if signs is not None:
-            return np.sort(signs * ends, axis=0)  # obligation 2.30
         most = np.abs(ends).max(axis=0)
         return np.stack([-most, most])
 
-    def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
-        """The velocity under input j with v at the vertex of its box with these signs, as a formula with results
-        (ndim,); made once.
-
-        drift + sum_d sign_d bounds_d gain_d.
-        """
-
-        def velocity(points: Any, t: Any) -> Any:
-            """drift + sum_d sign_d bounds_d gain_d at traced points (M, ndim) and time t: (M, ndim)."""
-            drift, gain, bounds = (self.functions_by_input[name][j](points, t) for name in ("drift", "gain", "bounds"))
-            pushes = gain * bounds[:, None] * np.array(signs)
-            return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
-
-        return self.remembered(("at a vertex", j, signs), lambda: Formula.traced("velocity", velocity, self.ndim))
-
-    def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
+    def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
         """As `velocity_bounds`, where drift or gain is a black box: bounds by what is declared, rounded outward.
 
         Bounds of the drift + sum_d of the least and of the greatest gain_d v_d, (M, ndim) each.
 
-        j : the input's index. low, high (M, ndim) : corners of boxes of states. time : (begin, end), s. signs : (D,) of
-        -1 and 1, the vertex of its box that v keeps to, or None. ValueError where a black box declares too little.
+        j : the input's index. low, high (M, ndim) : corners of boxes of states. time : (begin, end), s. ValueError
+        where a black box declares too little.
         """
         drift, gain = (self.functions_by_input[name][j].bounds(low, high, time) for name in ("drift", "gain"))
-        pushes = np.stack([one * v for one in gain for v in self.disturbance_bounds(j, low, high, time, signs)])
+        pushes = np.stack([one * v for one in gain for v in self.disturbance_bounds(j, low, high, time)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
         rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
         return drift[0] + least - rounded, drift[1] + most + rounded

@@ -108,21 +108,18 @@ def numbers_in(part: memoryview, kind: str, shape: Sequence[int]) -> FloatArray:
     return found.reshape(shape)
 
 
-def mapped(path: Path, write: bool = False) -> memoryview:
-    """The bytes of a regular file, mapped; OSError if it cannot be opened, ValueError if it is a link or none.
-
-    write : whether what is written to them is written to the file.
-    """
-    flags = (os.O_RDWR if write else os.O_RDONLY) | sum(getattr(os, f"O_{n}", 0) for n in ("NOFOLLOW", "NONBLOCK"))
+def mapped(path: Path) -> memoryview:
+    """The bytes of a regular file, mapped; OSError if it cannot be opened, ValueError if it is a link or none."""
+    flags = sum(getattr(os, f"O_{name}", 0) for name in ("RDONLY", "NOFOLLOW", "NONBLOCK", "BINARY"))
     if path.is_symlink():  # where the system has no such flag
         raise ValueError(f"{path.name} is a link")
-    stream = os.open(path, flags | getattr(os, "O_BINARY", 0))
+    stream = os.open(path, flags)
     try:
         if not stat.S_ISREG((about := os.fstat(stream)).st_mode):
             raise ValueError(f"{path.name} is no file")
         if not about.st_size:
             return memoryview(b"")
-        return memoryview(mmap.mmap(stream, 0, access=mmap.ACCESS_WRITE if write else mmap.ACCESS_READ))
+        return memoryview(mmap.mmap(stream, 0, access=mmap.ACCESS_READ))
     finally:
         os.close(stream)
 
@@ -245,11 +242,6 @@ def begin_array(folder: Path, name: str, kind: str, shape: Sequence[int]) -> Non
     with open(path, "r+b" if path.exists() else "xb") as out:
         out.write(header(kind, shape))
         out.truncate(Stated(kind, tuple(shape), "").size)
-
-
-def array_in(folder: Path, name: str, kind: str, shape: Sequence[int], write: bool = False) -> FloatArray:
-    """An array of a folder that is not finished yet, mapped. write : whether what is written to it is in its file."""
-    return numbers_in(mapped(folder / file_name(name), write), kind, shape)
 
 
 def stated_in(folder: Path, shapes: Mapping[str, tuple[str, Sequence[int]]]) -> dict[str, Stated]:

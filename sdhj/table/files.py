@@ -285,7 +285,7 @@ def _no_table(path: Path) -> str:
         what = "upgrade sdhj" if int(version[1]) > FORMAT else "solve it anew"
         return f"{path} has format version {int(version[1])}; this is sdhj {VERSION}, which reads {FORMAT}: {what}"
     if path.is_dir() and not begin:
-        return f"{path} is a folder without {HEAD}: no table, or one that is not solved yet (resume=True goes on)"
+        return f"{path} is a folder without {HEAD}: name the file or folder of a table, or solve on with resume=True"
     return f"{path} is damaged, cut short or not a look-up table; solve it anew"
 
 

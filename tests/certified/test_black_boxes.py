@@ -137,21 +137,6 @@ def test_a_gain_that_depends_on_the_state_counts_in_full():
         np.testing.assert_allclose(least[:, 0], [-0.25, -0.3], atol=1e-8)
 
 
-def test_bounds_that_change_hold_the_adversary_to_what_it_may(rng):
-    """One vertex of its box while the box grows: it cannot push at once as hard as at the end."""
-    problem, low = torus_problem(), rng.uniform(-1, 1, (50, 2))
-    linear = {"drift": np.zeros((1, 2)), "gain": np.eye(2)}
-    boxed = {"drift": sdhj.BlackBox(lambda q, u, t: 0.0 * q, slope=0.0, rate=0.0), "gain": np.eye(2)}
-    other = {"velocity": lambda q, u, v: 0.0 * q + np.stack([v[0] + v[0] ** 3, v[1]])}
-    for given, most in ((linear, 0.4), (boxed, 0.4), (other, 0.464)):
-        dynamics = sdhj.Dynamics([[0.0]], **given, bounds=lambda t: np.stack([0.1 + t, 0.2 + t]))
-        vertex = Bounds(dataclasses.replace(problem, dynamics=dynamics), np.array([[1.0, -1.0]]))
-        least, greatest = vertex.velocity(0, low, low + 0.1, 0.0, 0.3)
-        slow = 0.1 if most == 0.4 else 0.101
-        np.testing.assert_allclose(greatest, [[most, -0.2]] * 50, atol=1e-8)
-        np.testing.assert_allclose(least, [[slow, -0.5]] * 50, atol=1e-8)
-
-
 @pytest.mark.parametrize("part", ["level set", "velocity"])
 def test_a_function_may_jump_at_the_seam(part, rng):
     """A set written for angles as plain numbers ends where the axis closes; tubes reach across, and are cut there."""

@@ -1,6 +1,6 @@
 """Bounds on formulas of robots: what is easily bounded wrongly is promised by no method.
 
-That functions are read as NumPy computes them, formulas/test_tracing says, and that bounds of whatever is read hold,
+That functions are read as NumPy computes them, promises/test_tracing says, and that bounds of whatever is read hold,
 formulas/test_random_graphs and certified/check/test_two_libraries.
 """
 

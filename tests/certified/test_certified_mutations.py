@@ -41,7 +41,6 @@ MUTATIONS = {
     "tube between the parts": ("2.28 put 3 {3} + np.inf; put 6 {6} - np.inf", "test_general_reach_box"),
     "upper face": ("2.17 zero 11", "test_damped_motion"),
     "change with time": ("2.29 zero 4", "test_timed_growth_holds"),
-    "a box that grows": ("2.30 put 1 {3}.stack([{5} * {6}[1]] * 2)", "test_bounds_that_change"),
     "time of an interval": ("2.12 copy 10 12; copy 13 15", "test_timed_growth_holds"),
     "boxes of a set": ("4.1 drop 6", "test_bounds_of_a_lattice"),
     "rate of a set": ("2.29 zero 4", "test_general_bounds_hold"),

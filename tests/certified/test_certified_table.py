@@ -51,6 +51,7 @@ def test_steps_to_go_is_the_first_tube_that_holds_the_state(table, rng):
             assert step > 0 or set(expected) == {0, 1, 2, 3, 4}
 
 
+@pytest.mark.slow
 def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_path):
     """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
     table.save(tmp_path / "certified.npz")

@@ -136,6 +136,7 @@ def test_what_turns_back_and_forth_does_not_grow():
     assert (each < math.sqrt(2) * m * (1 + 0.5 * 0.5) * 1.03).all()
 
 
+@pytest.mark.slow
 def test_more_time_is_not_spent_on_less():
     """A ferry in 32 directions: by the model what takes longer loses less, and no step leads nowhere."""
     ferry = fleet.FLEET["256 inputs"]().problem()
@@ -149,6 +150,7 @@ def test_more_time_is_not_spent_on_less():
     assert lost == sorted(lost, reverse=True) and lost[-1] < 2.0 < 100.0 < lost[0]
 
 
+@pytest.mark.slow
 def test_where_cells_cannot_be_paid_that_lead_everywhere_they_lead_along_an_axis():
     """The ferry moves by a cell of about 1 / 572 of x, 1 / 428 of y; with fewer of both .042, the target."""
     ferry = fleet.FLEET["256 inputs"]().problem()
@@ -158,6 +160,7 @@ def test_where_cells_cannot_be_paid_that_lead_everywhere_they_lead_along_an_axis
     assert table.fraction() > 0.11
 
 
+@pytest.mark.slow
 def test_words_along_which_sets_are_packed_are_full():
     """A crane: one word of x or two take as long where other axes have as many; two prove more at 8 s."""
     crane = cost_of_cells.crane()
@@ -172,6 +175,7 @@ def test_marking_takes_longer_where_more_is_unsafe():
     assert marking[0] > 1.5 * marking[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delta", [0.01, 0.005])
 def test_cells_fit_the_rate(delta):
     """The joint that remembers, at 100 and 200 Hz: an input moves by a cell at least; .8365 and 0 without that."""
@@ -182,6 +186,7 @@ def test_cells_fit_the_rate(delta):
     assert table.fraction() > 0.857  # of .905, in half a second
 
 
+@pytest.mark.slow
 def test_cells_are_taken_that_a_pursuer_does_not_leave():
     """It moves by .12 m in a step. On 33 cells of .121 m that is a cell, on 34 of .118 m two, on 7 a cell of .57 m."""
     problem = large.car(25)
@@ -198,6 +203,7 @@ def test_cells_are_taken_that_a_pursuer_does_not_leave():
     assert sum(lost(cells)) < sum(lost(few)) and max(lost(cells)[3:]) < 0.5 * lost(few)[3]
 
 
+@pytest.mark.slow
 def test_the_same_cells_everywhere_and_more_for_more_time():
     problem = replace(car(), steps=8)
     method, counts = sdhj.Certified(), chosen_cells(problem, 10, 60.0)
@@ -241,6 +247,7 @@ def test_an_axis_is_aligned_where_its_velocity_reads_nothing():
     assert axes[0].count == 40 and (0.5 / float(axes[2].width)) == pytest.approx(round(0.5 / float(axes[2].width)))
 
 
+@pytest.mark.slow
 def test_fewer_cells_that_are_aligned_prove_more(monkeypatch):
     """Of 40 cells that are asked for along the heading 38 are aligned with what inputs turn: .153 for .134."""
     problem, method = replace(car(), steps=8), sdhj.Certified(cells=(40, 40, 40))
@@ -254,6 +261,7 @@ def test_fewer_cells_that_are_aligned_prove_more(monkeypatch):
     assert tables[0].fraction() > 1.1 * tables[1].fraction()
 
 
+@pytest.mark.slow
 def test_where_steps_gain_nothing_the_target_counts():
     """In six dimensions in 10 s a step loses more than there is: cells go to x, y, z, the axes of target and ball."""
     cells = chosen_cells(large.WORKED["space"].problem(17), 10, 10.0)
@@ -340,6 +348,7 @@ def by_loops(problem, axes):
     return shares
 
 
+@pytest.mark.slow
 def test_what_the_axes_of_the_target_prove_alone():
     """Cell by cell in fractions: a moving target of two axes, of which the first closes."""
     problem = two_joints()
@@ -352,6 +361,7 @@ def test_what_the_axes_of_the_target_prove_alone():
         assert not axes_alone(other)
 
 
+@pytest.mark.slow
 def test_cells_fit_what_inputs_move():
     """.28 rad at least are 2 of 29 cells, and less than 2 of 28; with these one does not get everywhere in 8 steps."""
     problem = replace(two_joints(), steps=8)
@@ -372,6 +382,7 @@ def truck(delta):
     return sdhj.ReachAvoidProblem(grid, dynamics, None, [], delta, None, sensing=sdhj.Sensing((0.1, 0.05)))
 
 
+@pytest.mark.slow
 def test_ends_that_are_whole_cells_are_aligned():
     """At 100 Hz an input adds .01 to .02 m/s, another takes .02 to .04: cells of .01 m/s round nothing out."""
     axis = aligned_choices(truck(0.01), 1, [750])[0]
@@ -380,6 +391,7 @@ def test_ends_that_are_whole_cells_are_aligned():
     assert all(end % axis.width == 0 for ends in moves for end in ends)
 
 
+@pytest.mark.slow
 def test_more_cells_at_a_higher_rate():
     """In some 670 steps of 10 ms a place is rounded out as often: .768 of .800 with so many cells, .60 with 4,096."""
     counts = [sdhj.Certified().axes(truck(delta))[0].count for delta in (0.1, 0.01)]
@@ -388,6 +400,7 @@ def test_more_cells_at_a_higher_rate():
     assert 667 <= steps < 700  # of random states the fastest has about 15 m/s
 
 
+@pytest.mark.slow
 def test_a_coordinate_that_goes_round_many_times_has_fewer_cells():
     """An interval may lead 32,767 cells on: a wheel that turns 16 times in one has 1,023 cells at most."""
     wheel = sdhj.ReachAvoidProblem(
@@ -411,6 +424,7 @@ def test_numbers_of_blocks_fit_into_memory():
     assert 1000 < sdhj.Certified(seconds=1e6).axes(problem)[0].count <= 10_000
 
 
+@pytest.mark.slow
 def test_what_is_for_ever_takes_no_memory_for_each_step():
     """1,001 entries of 20,000 rows would be 80 MB of numbers of blocks; only the last set's are kept."""
     tracemalloc.start()

@@ -7,6 +7,7 @@ from fractions import Fraction
 import naive_certified as naive
 import numpy as np
 import pytest
+from forging import forged
 from naive_certified import SMALL
 from toys import interval_problem, torus_problem, unicycle_problem
 
@@ -42,6 +43,7 @@ def test_closed_form_on_a_line(steps):
         assert min(reach, 3.0) - 0.1 - 1e-9 <= high <= min(reach, 3.0) + 1e-9
 
 
+@pytest.mark.slow
 def test_moving_obstacle_is_met_between_the_samples(rng):
     problem = torus_problem()
     table = certified(problem, cells=(64, 64))
@@ -71,6 +73,7 @@ def opaque_unicycle():
     return dataclasses.replace(problem, dynamics=dynamics, target=boxed[0], unsafe=boxed[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [unicycle_problem, opaque_unicycle], ids=["formulas", "black boxes"])
 def test_general_reach_box_holds_every_trajectory(rng, problem):
     problem = problem()
@@ -154,6 +157,7 @@ def fenced(back=0.0):
     )
 
 
+@pytest.mark.slow
 def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(rng, tmp_path):
     """Against pursuers that turn round at random times, from cells at the fence and beside it."""
     proof = proof_of(fenced(0.1), (20, 6, 20))
@@ -171,6 +175,7 @@ def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(r
     assert table.fraction() > table.fraction(within=0) > 0.0 and verify(tmp_path / "fenced.npz").ok
 
 
+@pytest.mark.slow
 def test_images_and_tubes_count_in_cells(rng):
     """Against 200 motions from each: which cells a box of states overlaps, which of them may meet a moving disk."""
     problem = torus_problem()
@@ -269,6 +274,7 @@ ANY_VELOCITY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ANY_VELOCITY)
 def test_an_adversary_that_enters_as_it_likes_wins_no_run(name, rng):
     """Certified states lead one step nearer under what the function says."""
@@ -325,6 +331,34 @@ def test_images_are_inside_as_plain_loops_say(rng):
     assert 50 < sum(found) < 250
 
 
+def test_a_push_along_several_axes_counts_as_its_box():
+    """Of one component as of one for each axis; and where it enters nonlinearly, by all of its range."""
+    ways = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    dynamics = (
+        sdhj.Dynamics(ways, ways, [[0.25], [0.25]], [1.0]),
+        sdhj.Dynamics(ways, ways, 0.25 * np.eye(2), [1.0, 1.0]),
+        sdhj.Dynamics(ways, velocity=lambda q, u, v: u + 0.25 * np.stack([v[0], v[0] ** 3]) + 0 * q, bounds=[1.0]),
+    )
+    one, other, bent = (
+        certified(dataclasses.replace(torus_problem(), dynamics=own), cells=(64, 64)) for own in dynamics
+    )
+    assert np.array_equal(one.pool, other.pool) and np.array_equal(one.index, other.index)
+    assert one.fraction() > 1.2 * one.fraction(within=0) > 0.01
+    first, last = np.array([[0.75, -0.25], [1.25, 0.25]]) * torus_problem().delta
+    width = np.array([float(axis.width) for axis in bent.axes])
+    assert np.array_equal(bent.proof.low[0, 1, 0], np.floor(first / width))
+    assert np.array_equal(bent.proof.high[0, 1, 0], np.ceil(1 + last / width) - 1)
+
+
+def test_fields_that_are_not_known_are_refused(tmp_path):
+    """As `lines`, which images had that were no boxes."""
+    certified(interval_problem(), cells=(80,)).save(tmp_path / "table.h5")
+    with forged(tmp_path / "table.h5", named=True) as (told, _):
+        told["proof"]["normals"] = [[1.0]]
+    with pytest.raises(ValueError, match="its proof has normals, which this version does not know; solve it anew"):
+        sdhj.load(tmp_path / "table.h5")
+
+
 @pytest.mark.slow
 def test_unicycle_runs_succeed(rng):
     problem = unicycle_problem()
@@ -333,6 +367,7 @@ def test_unicycle_runs_succeed(rng):
     naive.assert_runs_succeed(table, naive.states_in(table, rng, 5000), rng, pieces=4, fine=10)
 
 
+@pytest.mark.slow
 def test_general_and_arm_agree_on_the_arm(rng):
     """The arm as any robot, by bounds on its formulas: less than the arm's geometry proves, and a little more."""
     problem = sdhj.arm_case_study(**(SMALL | {"steps": 1}))

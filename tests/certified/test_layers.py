@@ -68,6 +68,7 @@ def test_a_car_stands_for_ever_wherever_it_can(standing):
     assert standing.fraction() == pytest.approx(inside.mean(), abs=0.01)  # a layer has no share
 
 
+@pytest.mark.slow
 def test_it_takes_the_layer(standing):
     """With cells of full width alone the lowest cell creeps on until it meets the block."""
     proof = standing.proof
@@ -85,6 +86,7 @@ def test_the_first_piece_is_short(standing, monkeypatch):
     assert standing.contains([[10.0, 0.0], [49.0, 0.0]]).all()
 
 
+@pytest.mark.slow
 def test_nobody_is_lost(standing):
     rng, controller = np.random.default_rng(1), sdhj.Controller(standing)
     q = rng.uniform([0, 0], [50, 15], (40_000, 2))
@@ -141,6 +143,7 @@ def test_edges_and_shares_of_layers():
     assert axis.shares().tolist() == [0, *[1 / 6] * 6, 0]
 
 
+@pytest.mark.slow
 def test_images_beside_layers_as_intervals_say():
     """What a cell comes to, clipped at walls, is in the cells of its image; a layer only if all of it is there."""
     axis = CellAxis(Fraction(-1), (Fraction(3), Fraction(3)), Fraction(1, 2), False, (1, 1))
@@ -179,6 +182,7 @@ def measured(states, rng):
     return states + rng.choice([-1.0, 0.0, 1.0], states.shape) * ERROR
 
 
+@pytest.mark.slow
 def test_who_remembers_to_stand_stands_for_ever(noisy):
     """.7746 of all states less 2 E can stop in closed form; 400 x 60 cells without noise prove .7428 of .7826."""
     assert noisy.shape == (400, 62) and noisy.details["endless"] and noisy.fraction() > 0.73
@@ -198,6 +202,7 @@ def test_a_first_measurement_of_nothing_is_no_standing(noisy):
     assert not noisy.contains(place).any() and not controller.admissible(place).any()
 
 
+@pytest.mark.slow
 def test_nobody_is_lost_who_stands_with_noise(noisy, tmp_path):
     """Own play of 200 runs for 50 s, in Python and in C, which carry on the same points: none lost, many stand."""
     rng, controller = np.random.default_rng(5), sdhj.Controller(noisy)
@@ -240,19 +245,6 @@ def test_standing_with_noise_is_proved_again(noisy, tmp_path):
 def to_the_goal(steps=30):
     """The car stops before the block: within some steps it stands, wherever."""
     return blocked(steps, sdhj.TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0] - 20) - 12, p[:, 1] - 0.05)))
-
-
-def test_what_is_lost_is_not_certified():
-    """Neither state by state, nor at the wall, where a layer and the lowest cell meet; and somebody is lost."""
-    table = sdhj.solve(to_the_goal(8), sdhj.Certified(cells=(100, 30)), progress=False, play=False)
-    rng = np.random.default_rng(0)
-    q = rng.uniform([0, 0], [100, 15], (20_000, 2))
-    q[:5000, 1] = 0.0
-    won, lost = table.contains(q), table.losing.contains(q)
-    assert not (won & lost).any() and won.any() and lost.mean() > 0.5
-    assert 0 < table.unknown() < 0.4
-    beyond = (q[:, 0] + q[:, 1] ** 2 / (2 * (BRAKES + PUSH)) < 32) & (q[:, 0] > 8)  # brakes at their best
-    assert not (lost & beyond & (q[:, 1] < 0.05)).any()
 
 
 def test_runs_to_where_a_car_stands():

@@ -105,15 +105,17 @@ def swing():
 @pytest.mark.parametrize(
     ("problem", "cells"),
     [
-        (swing(), (40, 40)),
-        (joint(0.1), (50, 40)),
-        (plane(), (40, 40)),
-        (line(), (17,)),
-        (replace(car(), steps=8), (28, 28, 26)),
+        (swing, (40, 40)),
+        (lambda: joint(0.1), (50, 40)),
+        (plane, (40, 40)),
+        (line, (17,)),
+        (lambda: replace(car(), steps=8), (28, 28, 26)),
     ],
+    ids=["swing", "joint", "plane", "line", "car"],
 )
 def test_no_other_cause_alone_where_finer_cells_would_do(problem, cells):
     """Four times the cells along each axis tell; of 60 states that these have at most 2 are told otherwise."""
+    problem = problem()
     table = solved(problem, *cells)
     fine = solved(problem, *(4 * n for n in table.shape))
     states = drawn(problem)

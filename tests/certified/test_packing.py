@@ -9,7 +9,6 @@ from robots import car
 
 import sdhj
 from sdhj.certified import packing
-from sdhj.certified.table import lost_cells
 
 
 def forklift():
@@ -51,24 +50,14 @@ def test_the_sets_are_the_same(monkeypatch, problem, cells, axis):
     assert 0.01 < tables[0].fraction() < 0.99
 
 
-def test_lost_cells_are_the_same(monkeypatch):
-    problem = replace(car(), steps=2)
-    axes = sdhj.Certified(cells=(24, 30, 13)).axes(problem)
-    lost = lost_cells(problem, axes, parts=3)
-    monkeypatch.setattr(packing, "packed_axis", lambda grid, axes, *told: len(axes) - 1)
-    again = lost_cells(problem, axes, parts=3)
-    assert np.array_equal(lost.pool, again.pool) and 0.1 < lost.fraction(start=0, within=2) < 1.0
-
-
 def test_where_sets_stay_as_they_are():
-    """The last axis itself, images that are lines, safe ends, few cells, or velocities that read every axis."""
+    """The last axis itself, safe ends, few cells, or velocities that read every axis."""
     every = np.array([False, True, False])
-    for problem, cells, depends, oblique in (
-        (car(), (20, 20, 13), every, False),
-        (car(), (20, 20, 13), ~every, True),
-        (car(), (20, 15, 13), ~every, False),
-        (car(), (20, 20, 13), every | ~every, False),
-        (fleet.FLEET["crossing"]().problem(), (20, 20, 13), ~every, False),
+    for problem, cells, depends in (
+        (car(), (20, 20, 13), every),
+        (car(), (20, 15, 13), ~every),
+        (car(), (20, 20, 13), every | ~every),
+        (fleet.FLEET["crossing"]().problem(), (20, 20, 13), ~every),
     ):
-        assert packing.packed_axis(problem.grid, sdhj.Certified(cells=cells).axes(problem), depends, oblique) == 2
-    assert packing.packed_axis(car().grid, sdhj.Certified(cells=(20, 20, 13)).axes(car()), ~every, False) == 1
+        assert packing.packed_axis(problem.grid, sdhj.Certified(cells=cells).axes(problem), depends) == 2
+    assert packing.packed_axis(car().grid, sdhj.Certified(cells=(20, 20, 13)).axes(car()), ~every) == 1

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from sdhj.certified.packing import reached_words, with_levels
+from sdhj.certified.packing import reached_words
 from sdhj.kernels import read_only
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
@@ -152,23 +152,20 @@ def _overlapped(ends, axes, fine, counts, periodic):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_words_of_cells_are_led_as_plain_loops_say(seed):
-    """Images that do not depend on the last axis, up to three words long, by one to four levels of rows."""
+    """Images that do not depend on the last axis, up to three words long."""
     rng = np.random.default_rng(seed)
     counts, periodic = np.array([2, 6, rng.choice([6, 63, 64, 100, 130])]), rng.random(3) < 0.5
-    cells, groups, keep = (
-        read_only(Cells(np.zeros(3), np.ones(3), np.ones(3), np.zeros((2, 3), int), counts, periodic, 1)),
-        1 + seed % 2,
-        seed % 3 == 0,
-    )
+    cells = read_only(Cells(np.zeros(3), np.ones(3), np.ones(3), np.zeros((2, 3), int), counts, periodic, 1))
+    keep = seed % 3 == 0
     inside, following = (rng.random(counts) < share for share in (0.5, 0.93))
     low = rng.integers(-4, 3, (4, 12, 3)).astype(np.int16)
     high = (low + rng.integers(0, [2, 8, 4], low.shape)).astype(np.int16)
-    clear = rng.integers(0, 16, (counts.prod(), 1)).astype(np.uint8) if groups == 1 else np.zeros((0, 0), np.uint8)
+    clear = rng.integers(0, 16, (counts.prod(), 1)).astype(np.uint8)
     mode = "wrap" if periodic[2] else "edge"
     extended = to_words(np.pad(following.reshape(12, -1), [(0, 0), (64, 64)], mode=mode))
     found, near = to_words(inside.reshape(12, -1)), np.ones((12, -(-counts[2] // 64)), np.bool_)
     moves = read_only(Moves(low, high, np.array([6, 1, 0]), np.array([[-np.inf] * 3, [np.inf] * 3])))
-    grow(near, found, with_levels(extended, 6, 1 + seed % 4), clear, moves, groups, cells, keep)
+    grow(near, found, extended, clear, moves, cells, keep)
     expected = inside.copy()
     for number, cell in enumerate(np.ndindex(*counts)):
         leads = []
@@ -176,8 +173,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
             ends, at = (low[j, 6 * cell[0] + cell[1]], high[j, 6 * cell[0] + cell[1]]), []
             for c, n, wraps, a, b in zip(cell, counts, periodic, *ends, strict=True):
                 at.append([(c + d) % n if wraps else min(max(c + d, 0), n - 1) for d in range(a, b + 1)])
-            leads.append(following[np.ix_(*at)].all() and (groups > 1 or bool(clear[number, 0] >> j & 1)))
-        leads_there = all(any(leads[group * 4 // groups : (group + 1) * 4 // groups]) for group in range(groups))
-        expected[cell] = inside[cell] and leads_there if keep else inside[cell] or leads_there
+            leads.append(following[np.ix_(*at)].all() and bool(clear[number, 0] >> j & 1))
+        expected[cell] = inside[cell] and any(leads) if keep else inside[cell] or any(leads)
     assert np.array_equal(to_bits(found, int(counts[2])), expected.reshape(12, -1))
     assert (expected != inside).any() and expected.any() and not expected.all()

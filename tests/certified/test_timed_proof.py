@@ -113,6 +113,7 @@ def proved(request):
     return case, sdhj.solve(case.problem(), sdhj.Certified(cells=case.cells), progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [1, 4])
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("opaque", [False, True], ids=["formula", "black box"])
@@ -167,6 +168,7 @@ def test_no_run_from_a_certified_state_is_lost(proved, adversary, rng):
     assert set(outcomes) == {"reached"}
 
 
+@pytest.mark.slow
 def test_every_step_leads_one_nearer(proved, rng):
     """From every step of the problem on, not only from the first: what is proved of step k rests on the time t_k."""
     case, table = proved

@@ -1,5 +1,6 @@
 """What CONTRIBUTING says how to add: its own code is run, and what comes out does what the text says."""
 
+import ast
 import dataclasses
 import os
 import re
@@ -52,6 +53,21 @@ def run(arguments: list[str], folder: Path, **environment: str) -> str:
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
+
+
+def test_every_promise_has_a_file_with_tests_that_are_always_run() -> None:
+    """The table names each file of tests/promises once; in each some test is neither slow nor a campaign."""
+    rows = re.findall(r"^\| (.+) \| (test_\w+\.py) \|$", TEXT, re.MULTILINE)
+    files = {path.name: path for path in (ROOT / "tests" / "promises").glob("test_*.py")}
+    assert len(rows) == len(dict(rows)) > 30 and sorted(name for _, name in rows) == sorted(files)
+    for name, path in files.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tests = [one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name.startswith("test_")]
+        marks = [{ast.unparse(mark) for mark in one.decorator_list} for one in tests]
+        assert not all(each & {"pytest.mark.slow", "pytest.mark.campaign"} for each in marks), name
+        assert not re.search(r"^pytestmark\b.*mark\.(slow|campaign)", path.read_text(encoding="utf-8"), re.MULTILINE), (
+            name
+        )
 
 
 def test_every_heading_has_code() -> None:

@@ -31,7 +31,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         "20 h": PROBLEM,
         "250 s": PROBLEM,
         "0.25 s": PROBLEM,
-        "2.5 %": "tests/test_shield.py asserts it",
+        "2.5 %": "tests/promises/test_shield.py asserts it",
         "41 %": REASONED,
         "8 %": REASONED,
     },

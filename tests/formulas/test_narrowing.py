@@ -67,6 +67,7 @@ def check_random_branches(seeds):
     assert known[0] > known[1]
 
 
+@pytest.mark.slow
 def test_branches_at_random():
     check_random_branches(range(300))
 

@@ -1,13 +1,12 @@
-"""Random graphs of all operations: all that reads a formula against all else, and against NumPy and Arb."""
+"""Random graphs of all operations: all that reads a formula against all else, and against NumPy."""
 
 from dataclasses import replace
 
-import flint
 import graphs
 import numpy as np
 import pytest
 
-from sdhj.certified.check import balls, intervals
+from sdhj.certified.check import intervals
 from sdhj.certified.check.formulas import read
 from sdhj.formulas.derivative import derivative, linear
 from sdhj.formulas.formula import Formula
@@ -26,7 +25,7 @@ def within(values, bounds, slack=0.0):
 
 
 def check_graph(seed):
-    """All nodes of a graph, simplified and not; how many bounds, balls and differences there were to compare."""
+    """All nodes of a graph, simplified and not; how many bounds and differences there were to compare."""
     rng = np.random.default_rng(seed)
     pairs = graphs.random_pairs(rng, int(rng.integers(3, 25)))
     count, simplified, plain = len(pairs), *zip(*pairs, strict=True)
@@ -39,7 +38,7 @@ def check_graph(seed):
     ours, others = (formula.bounds(low, high, (T, T)) for formula in (raw, made))
     checkers = theirs.bounds(low, high, (T, T))
     slopes = Formula(tuple(derivative(simplified, graphs.X[0])), 3, 1, (count,))
-    steep, compared = np.maximum(*np.abs(slopes.bounds(low, high, (T, T)))), np.zeros(3)
+    steep, compared = np.maximum(*np.abs(slopes.bounds(low, high, (T, T)))), np.zeros(2)
     last = Formula(plain[-1:], 3, 1)  # its results share slots
     for _ in range(4):
         points = graphs.random_points(rng, low, high)
@@ -53,26 +52,20 @@ def check_graph(seed):
         assert within(values, ours) and within(fewer, others)
         far = np.isnan(values) & np.isfinite(numpys)  # sines of which kernels say nothing, and the checker [-1, 1]
         assert within(np.where(far, checkers[0], values), checkers)
-        for m, point in enumerate(points[:2].tolist()):
-            for k, ball in enumerate(balls.values_at(theirs, point, [T])):
-                for least, most in [(ends[0][m, k], ends[1][m, k]) for ends in (at, checkers)]:
-                    known = ball is not None and np.isfinite(least)
-                    assert not known or not (ball < flint.arb(least) or ball > flint.arb(most)), (plain[k], point, ball)
-                    compared[1] += known
         moved = points.copy()
         moved[:, 0] = graphs.random_points(rng, low, high)[:, 0]
         off, by = np.abs(made(moved, T, finite=False) - fewer), np.abs(moved - points)[:, :1]
         size = 1.0 + np.abs(fewer) + np.abs(others).max(axis=0)
         known = np.isfinite(steep) & np.isfinite(size)
         assert (off <= steep * by + 1e-12 * size)[known].all()
-        compared += np.isfinite(ours[0]).sum(), 0, (known & (by > 0)).sum()
+        compared += np.isfinite(ours[0]).sum(), (known & (by > 0)).sum()
     return compared
 
 
 def check_graphs(seeds):
     with np.errstate(all="ignore"):
         compared = sum(map(check_graph, seeds))
-    assert (compared > len(seeds) * np.array([1000, 40, 400])).all(), compared
+    assert (compared > len(seeds) * np.array([1000, 400])).all(), compared
 
 
 def test_all_that_reads_a_graph_says_the_same():

@@ -59,6 +59,7 @@ def test_a_seed_fixes_the_episode(name: str) -> None:
     assert not np.array_equal(first[0][0], other[0][0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", ["none", "random", "aggressive", "worst"])
 @pytest.mark.parametrize(("shield", "masked"), [(True, False), (False, True)])
 def test_behind_the_shield_or_its_mask_every_certified_episode_arrives(
@@ -77,6 +78,7 @@ def test_behind_the_shield_or_its_mask_every_certified_episode_arrives(
     assert (overruled > 0) == shield
 
 
+@pytest.mark.slow
 def test_without_either_episodes_end_in_every_way() -> None:
     env, actions = ReachAvoidEnv(toys.interval_table(), shield=False), np.random.default_rng(3)
     ends = [played(env, actions, False, seed)[-1] for seed in range(150)]
@@ -130,6 +132,7 @@ def sensed_line(memory: bool) -> Table:
     return sdhj.solve(replace(toys.interval_problem(), sensing=sensing), Certified((80,)), progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", ["random", "worst"])
 @pytest.mark.parametrize("memory", [False, True])
 def test_an_agent_that_measures_is_shown_what_the_controller_knows(adversary: str, memory: bool) -> None:
@@ -144,6 +147,7 @@ def test_an_agent_that_measures_is_shown_what_the_controller_knows(adversary: st
         assert info["outcome"] == "reached"
 
 
+@pytest.mark.slow
 def test_the_point_is_carried_on() -> None:
     """At 100 Hz, where a measurement alone keeps no promise: the mask is that of the point, clipped as `step` does."""
     table = test_memory.solved(0.01, cells=(100, 100), steps=60)

@@ -28,8 +28,8 @@ Statements marked `# check 4.2` are of 4, and a test fails where they are change
 
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
 granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
-`robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own, of which `balls`
-has a second opinion. Both are `Sets` of one reader (`reading`) that say their `claims`.
+`robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own. Both are `Sets`
+of one reader (`reading`) that say their `claims`.
 
 From the command line: `python -m sdhj.certified.check table.npz`, or `sdhj verify table.npz`, with `--problem
 module:function` where the robot has black boxes.
@@ -69,8 +69,7 @@ def verify(
         else is in the file, and is not compared with the problem: `sdhj.load(path, problem=...)` does that first.
     samples : int or None
         How many rows are drawn at random, each checked with all its claims; None checks every row. For a robot of one's
-        own: how many cells; bounds on its functions are then compared with Arb's arithmetic, too, where python-flint is
-        installed (`pip install sdhj[arb]`).
+        own: how many cells.
     seed : int
         Of what is drawn, at least 0.
     progress : bool, optional

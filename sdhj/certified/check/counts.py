@@ -91,16 +91,6 @@ def box_inside(counted, strides, counts, periodic, first, past):
 
 
 @compiled()
-def boxes_inside(counted, strides, counts, periodic, first, last, out):
-    """out[m] = whether all cells of box m, from first[m] to last[m] (M, axes), are in a set (`box_inside`)."""
-    a, b = np.empty(counts.size, np.int64), np.empty(counts.size, np.int64)
-    for m in range(out.size):
-        for axis in range(counts.size):
-            a[axis], b[axis] = first[m, axis], last[m, axis] + 1
-        out[m] = box_inside(counted, strides, counts, periodic, a, b)
-
-
-@compiled()
 def led_into(counted, strides, counts, periodic, safe, low, high, of_places, numbers, out):
     """out[m] = whether all that the cell with flat number numbers[m] is led to is in a set, or out past a safe end.
 

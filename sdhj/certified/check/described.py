@@ -131,62 +131,26 @@ class BlackBox:
 class OfInputs:
     """A function of which every input has its own, such as the drift: bounds over boxes of many inputs at once.
 
-    constant : whether all inputs have one formula that reads neither coordinates nor parameters.
-
-    Formulas that differ in constants alone are evaluated as one, of which these constants are parameters: many inputs
-    then take no longer than one with as many boxes.
+    each : for every input a `Formula` or a `BlackBox`. results : how many results each has.
     """
 
-    def __init__(self, each: Sequence[Any], results: int, parameters: int = 1) -> None:
-        """Sort the functions into kinds: formulas that differ in constants alone are one, each black box is its own.
-
-        each : for every input a `Formula` or a `BlackBox`; at least one. results : how many results each has.
-        parameters : how many parameters the formulas have already; constants become parameters behind these.
-        """
-        self.results = results
-        self.kinds: list[tuple[Any, Any]] = []  # a function, and constants (inputs, K)
-        self.kind, self.row = (np.empty(len(each), np.int64) for _ in range(2))  # of each input, and its row of these
-        alike: dict[Any, tuple[Any, list[list[float]], list[int]]] = {}
-        for j, one in enumerate(each):
-            form, constants = one.without_constants(parameters) if isinstance(one, Formula) else (one, [])
-            key = form.form if isinstance(one, Formula) else j
-            _, rows, inputs = alike.setdefault(key, (form, [], []))
-            rows.append(constants)
-            inputs.append(j)
-        for number, (form, rows, inputs) in enumerate(alike.values()):
-            if isinstance(form, Formula):
-                form, rows = form.with_constants(parameters, rows)
-            self.kinds.append((form, np.array(rows)))
-            self.kind[inputs], self.row[inputs] = number, np.arange(len(inputs))  # check 3.83
-
-        form, constants = self.kinds[0]
-        known = len(self.kinds) == 1 and isinstance(form, Formula) and not constants.size
-        self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.88
-
-    @cached_property
-    def always(self) -> tuple[Array, Array]:
-        """The bounds, both (1, results), where all inputs have one constant value; computed once."""
-        nowhere = np.zeros((1, 0))
-        return self.kinds[0][0].bounds(nowhere, nowhere)
+    def __init__(self, each: Sequence[Any], results: int) -> None:
+        """Keep the arguments, which the class describes."""
+        self.each, self.results = each, results
 
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
         """The least and the greatest values under inputs (M,) over boxes (M, coordinates): both (M, results).
 
-        Both are (1, results) where all inputs have one constant value. NaN where nothing is known.
+        NaN where nothing is known.
 
         parameters : a pair of numbers or arrays (M,) for each parameter, its least and greatest value; the first is the
             time, which must be numbers for a black box, the only one that it has.
         """
-        if self.constant:
-            return self.always
-        kind, found = self.kind[inputs], np.empty((2, self.results, len(inputs))).swapaxes(1, 2)
-        kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
-        for number in kinds:
-            function, constants = self.kinds[number]
-            own: Any = slice(None) if len(kinds) == 1 else np.flatnonzero(kind == number)
+        found = np.empty((2, self.results, len(inputs))).swapaxes(1, 2)
+        for j in np.flatnonzero(np.bincount(inputs, minlength=len(self.each))).tolist():
+            own = np.flatnonzero(inputs == j)  # check 3.83
             given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
-            given += [(one, one) for one in constants[self.row[inputs[own]]].T]
-            found[0, own], found[1, own] = function.bounds(low[own], high[own], *given)
+            found[0, own], found[1, own] = self.each[j].bounds(low[own], high[own], *given)
         return found[0], found[1]
 
 
@@ -331,8 +295,8 @@ class Velocity:
             expect(fits, f"{name} must have {len(inputs) * each} results", len(found.results))
             self.own[name] = [found.part(j * each, each) for j in range(len(inputs))]
         self.all = [one for parts in self.own.values() for one in parts]
-        sizes = {"bounds": (d,), "drift": (n,), "gain": (n * d,), "velocity": (n, 1 + d)}
-        self.of = {name: OfInputs(each, *sizes[name]) for name, each in self.own.items()}
+        sizes = {"bounds": d, "drift": n, "gain": n * d, "velocity": n}
+        self.of = {name: OfInputs(each, sizes[name]) for name, each in self.own.items()}
 
     def along(self, axis: int) -> list[Any]:
         """The functions, of all inputs, that the velocity along an axis is made of: a list.
@@ -371,7 +335,7 @@ class Velocity:
     def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
         """The least and the greatest velocity under inputs (M,) over boxes (M, ndim) and times: both (M, ndim).
 
-        Both are (1, ndim) where the velocity is the same everywhere; NaN where nothing is known.
+        NaN where nothing is known.
 
         inputs : their indices. low, high : the boxes, (M, ndim). times : from s to s. pushed : under any adversary; if
             False, under none, v = 0.

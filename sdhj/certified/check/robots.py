@@ -28,15 +28,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check import balls
 from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, packed, unpacked
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
-from sdhj.certified.check.counts import Spans, boxes_inside, flags_at, led_into, spans_of, strides_of, sums, tubes_miss
+from sdhj.certified.check.counts import Spans, flags_at, led_into, spans_of, strides_of, sums, tubes_miss
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.formulas import Formula
 from sdhj.certified.check.lattice import Lattice, memory, pieces_of
-from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
     MOST_STEPS,
@@ -68,15 +66,15 @@ BOXES_AT_ONCE = 1 << 16  # boxes
 SLAB = 1 << 14  # cells whose tubes are bounded at once
 HALVES_AT_ONCE = 1 << 12
 NUMBERS_AT_ONCE = 1 << 22  # cells of several inputs
-MOST_IN_BALLS = 100  # cells
 FEW = 8  # cells in one that is looked at are too many to be counted
 MOST_INPUTS = 1 << 16
+FIELDS = {"parts", "own", "unsure", "arrives"}  # of a proof
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 # of boxes (2, M, axes) to where something holds all over them, and where it nowhere does, both (M,) bool
 Holds = Callable[[Array], tuple[Array, Array]]
-# of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
+# of boxes, both (M, axes), and their numbers to bounds of a function there
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
@@ -210,8 +208,7 @@ class Robot(Sets):
         unsafe = [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]
         if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
             # of each input what is packed of cells, and of some boxes; of sets, too
-            alike = places == 1 and "normals" not in head["proof"]
-            of_a_set = cells * (6 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+            of_a_set = cells * (6 if places == 1 else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
             return arrays.nbytes + max(cells * 2 + chosen * 10 + cells // 4 * inputs, of_a_set) + swept
         swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
@@ -225,13 +222,15 @@ class Robot(Sets):
         return arrays.nbytes + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
     def read_proof(self, stated: Mapping[str, Any], arrays: Arrays, endless: bool) -> None:
-        """Read what the proof says of the cells: the axes of a place, moves, lines, clear inputs, arrivals, and E.
+        """Read what the proof says of the cells: the axes of a place, moves, clear inputs, arrivals, and E.
 
         Into the attributes of the class, by `__init__`, after cells and sets. ValueError where an array does not fit
         the problem.
 
         stated : the proof's part of the head. arrays : the open file. endless : whether sets are said to hold for ever.
         """
+        unknown = sorted(stated.keys() - FIELDS)
+        expect(not unknown, "the proof must have no unknown field", unknown)  # check 7.50
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.depends_on_time
         # check 7.37
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
@@ -249,7 +248,6 @@ class Robot(Sets):
         moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim  # check 7.12
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
         self.sticks = STICKS_OUT
-        self.lines = Lines(self, stated, arrays) if "normals" in stated else None
         clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.sites, self.arrives = self.read_arrivals(stated, arrays)
@@ -373,8 +371,7 @@ class Robot(Sets):
                 b[over] = most
                 halves.append((over, len(of)))
                 box, of = np.concatenate([box, second], axis=1), np.concatenate([of, of[over]])  # check 3.85
-        found = bounds(box[0], box[1], of)
-        low, high = (end.repeat(len(of), axis=0) if len(end) == 1 else end for end in found)
+        low, high = bounds(box[0], box[1], of)
         for over, begin in reversed(halves):
             own = slice(begin, begin + len(over))
             # check 4.42
@@ -955,7 +952,7 @@ class Robot(Sets):
     def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:
         """Whether u_j is clear from the cells with flat numbers (M,) and leads all of each into a set, or the target.
 
-        (M,) bool. By the file's flags, moves, lines and arrivals, for the interval from a step. What has wholly left
+        (M,) bool. By the file's flags, moves and arrivals, for the interval from a step. What has wholly left
         over a safe end by a cell counts as in the set.
 
         step : the number of the interval; the last one kept stands for later ones. counted : what `sums` returns for
@@ -968,11 +965,8 @@ class Robot(Sets):
             return out
         inside = np.empty(left.size, np.bool_)
         moves = self.safe, self.low[start, j], self.high[start, j], self.strides
-        led_into(*self.as_counted(counted), *moves, numbers[left], inside)
-        if self.lines is not None:  # a part of the box will do
-            cells = self.cells(numbers[left])
-            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells, self.counts))
-            inside[some] = self.lines.inside(self, cells[some], start, j, counted)
+        of_set = counted.ravel(), strides_of(counted.shape), self.counts, self.periodic
+        led_into(*of_set, *moves, numbers[left], inside)
         if len(self.arrives):
             some = np.flatnonzero(~inside)
             sites = self.cells(numbers[left[some]]) @ self.sites
@@ -981,32 +975,16 @@ class Robot(Sets):
         out[left] = inside
         return out
 
-    def as_counted(self, counted: Array) -> tuple[Array, Array, Array, Array]:
-        """What `led_into` and `boxes_inside` read of a set's `sums`: flat, their strides, counts of cells, periods."""
-        return counted.ravel(), strides_of(counted.shape), self.counts, self.periodic
-
-    def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
-        """Whether all cells of boxes from first to last (M, ndim), inclusive, are in a set: (M,) bool.
-
-        Boxes are clipped at bounded ends, and go around periodic axes; last >= first, which is not checked.
-
-        counted : what `sums` returns for the set.
-        """
-        out = np.empty(len(first), np.bool_)
-        boxes_inside(*self.as_counted(counted), first, last, out)
-        return out
-
     # ---- claims
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """Yield all claims, checked; those of single cells for `samples` random cells, or for all if it is None.
 
-        Only the first where cells do not cover the axes. With samples, and where python-flint is installed, bounds on
-        formulas are compared with Arb's in `MOST_IN_BALLS` cells at most. The last one names the functions of which
-        what is stated is believed, if there are any.
+        Only the first where cells do not cover the axes. The last one names the functions of which what is stated is
+        believed, if there are any.
 
-        samples : at least 1, or None; more than there are cells: all of them. seed : of the cells drawn, and of the
-            states. silent : show no progress bar.
+        samples : at least 1, or None; more than there are cells: all of them. seed : of the cells drawn.
+            silent : show no progress bar.
         """
         ndim, wrong = self.grid.ndim, self.faults_of_cells()
         yield Claim(COVER, ndim, ndim, wrong)
@@ -1020,29 +998,8 @@ class Robot(Sets):
             chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
-        if samples is not None and balls.INSTALLED:
-            yield self.claim_in_balls(np.flatnonzero(chosen)[:MOST_IN_BALLS], seed)
         if self.trusted:
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
-
-    def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
-        """The claim, checked by Arb's arithmetic at a state of each of these cells, that bounds on formulas hold.
-
-        numbers (M,) : the flat numbers of the cells. seed : of the states. The bounds are those over the cells and over
-            the states alone.
-        """
-        box, made, counted, wrong = self.ends(self.cells(numbers)), 0, 0, []
-        functions: list[Any] = [
-            (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
-        ]
-        functions += [(part.name, part.function, part.axes) for part in (self.target, *self.unsafe) if part]
-        for name, function, axes in functions:
-            if isinstance(function, Formula):
-                low, high = box[:, :, list(axes)]
-                count, beyond = balls.outside(function, low, high, (0.0, self.delta), seed)
-                made, counted = made + numbers.size * len(function.results), counted + count
-                wrong += [f"{name} at {point} is {ball.str(10)}, not from {a} to {b}" for point, ball, a, b in beyond]
-        return Claim("bounds hold where Arb's arithmetic looks", made, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Yield claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
@@ -1166,10 +1123,6 @@ class Robot(Sets):
                 swept[own], last[:, own], held[own] = np.array([-np.inf, np.inf])[:, None], np.inf, False
                 continue
             held[own] = self.moves_hold(places[own], start, j[own], last[:, own])  # check 3.30
-            if self.lines is not None:
-                box = self.boxes(places[own])
-                # check 3.68
-                held[own] &= self.lines.hold(self, box, places[own], start, j[own], swept[own], 4 * finer[0])
         return swept, last, held
 
     def take_out_clear(

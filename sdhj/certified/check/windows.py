@@ -332,7 +332,7 @@ class AtOnce:
 
     def leads(self) -> bool:
         """Whether `cells_led_into` knows where inputs lead: all cells alike, into boxes, and past no safe end."""
-        return self.places == 1 and self.robot.lines is None and not self.robot.safe.any()
+        return self.places == 1 and not self.robot.safe.any()
 
     def cells_led_into(self, step: int, following: Array) -> Array:
         """From which cells some input is clear and leads all of the cell into a set, or into the target.

@@ -38,6 +38,7 @@ ROBOTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_robots_of_all_kinds_are_proved(name, tmp_path):
     problem = plane(**ROBOTS[name])
@@ -47,6 +48,7 @@ def test_robots_of_all_kinds_are_proved(name, tmp_path):
     assert ("rests on what is stated of drift" in str(verdict)) == (name == "a black box")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [1.0, 1.5])
 def test_an_adversary_that_does_not_enter_linearly(share, tmp_path):
     """u + v again, v written as |v + 1| - 1, so that only its range over the box tells what it does."""

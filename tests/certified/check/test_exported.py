@@ -85,6 +85,7 @@ def failed(table, data, folder):
     return found
 
 
+@pytest.mark.slow
 def test_the_verdict_has_the_claims_of_both(tmp_path):
     robot().save(tmp_path / "table.npz")
     for forged_one in (False, True):
@@ -154,6 +155,7 @@ def test_two_words_that_change_places_are_refused(tmp_path):
     assert failed(robot(), signed(data), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", [joint, pytest.param(remembering_arm, marks=pytest.mark.slow)])
 def test_images_are_what_is_proved_and_nothing_else(tmp_path, table):
     """A cell short the state may be elsewhere; a cell more, and it is led to where nothing is proved."""
@@ -201,6 +203,7 @@ def test_layers_are_those_of_the_table(tmp_path):
         assert "exported: the cells and inputs are the table's" in failed(table, signed(data), tmp_path)
 
 
+@pytest.mark.slow
 def test_cells_claimed_elsewhere_are_refused(tmp_path):
     """Cells that begin elsewhere, or are wider; inputs, steps, interval and ends of another robot."""
     data = exported_of(robot())
@@ -215,6 +218,7 @@ def test_cells_claimed_elsewhere_are_refused(tmp_path):
             assert "exported table" in str(error)
 
 
+@pytest.mark.slow
 def test_damage_is_refused(tmp_path):
     data, rng = exported_of(robot()), np.random.default_rng(0)
     for at in [*rng.integers(0, len(data), 20).tolist(), 12, len(data) - 1]:

@@ -760,7 +760,7 @@ def changed(monkeypatch, file, stands, instead):
     return module
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_the_check_needs_it(name, files, tmp_path, monkeypatch):
     file, stands, instead, needs = MUTATIONS[name]
@@ -784,7 +784,7 @@ SENTENCES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", SENTENCES)
 def test_a_sentence_is_what_refuses(name, files, tmp_path, monkeypatch):
     """Without it the file is believed, or something else breaks."""

@@ -12,6 +12,7 @@ import make_golden
 import pytest
 from click.testing import CliRunner
 from forging import FORGERIES, forged, replaced, retold, spoiled
+from parameters import but_slow
 from toys import torus_problem
 
 import sdhj
@@ -226,7 +227,7 @@ def test_forged_heads_are_refused_in_a_line(golden, tmp_path, change, match):
     assert shown.exit_code in (0, 2) and "Traceback" not in shown.output
 
 
-@pytest.mark.parametrize("forgery", [*FORGERIES, "name"])
+@pytest.mark.parametrize("forgery", but_slow([*FORGERIES, "name"], "bomb"))
 def test_forged_tables_of_formulas_are_refused(golden, tmp_path, forgery):
     path = shutil.copy(golden, tmp_path / "forged.npz")
     with forged(path, named=True) as (told, arrays):

@@ -264,6 +264,7 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
     assert told
 
 
+@pytest.mark.slow
 def test_nobody_whom_c_remembers_is_lost(exported):
     """A joint at 50 Hz, 200 runs for 4 s pushed towards its stop, errors at their most: none lost, none without."""
     table, rng = solved("joint, remembering"), np.random.default_rng(1)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import shapely
 from naive_maps import to_polygon
+from parameters import but_slow
 
 import sdhj
 from sdhj import Body, UnsafeSet
@@ -97,7 +98,7 @@ def test_what_moves_is_swept():
     np.testing.assert_allclose(disk.level_set(q, 0.5), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("tolerance", [0.1, 0.03])
+@pytest.mark.parametrize("tolerance", but_slow([0.1, 0.03], 0.03))
 @pytest.mark.parametrize(
     "shape", [ROBOT, SHAPES["segment"], [[0, 0], [0.8, 0], [0.8, 0.3], [0.3, 0.3], [0.3, 0.9], [0, 0.9]]]
 )

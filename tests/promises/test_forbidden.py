@@ -154,6 +154,7 @@ def test_resolve_notices_another_list():
     assert np.array_equal(again.values(), sdhj.solve(line(), progress=False, play=False).values())
 
 
+@pytest.mark.slow
 def test_certified_is_checked_and_another_list_is_refused(tmp_path):
     from forging import describe
 
@@ -167,6 +168,7 @@ def test_certified_is_checked_and_another_list_is_refused(tmp_path):
     assert not verify(path, progress=False).ok
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=(200,))])
 def test_explain_names_the_set_for_those_inputs_alone(method):
     problem = line(FAST, push=0.3)

@@ -170,6 +170,7 @@ def test_tubes_grow_and_inputs_explain_the_growth():
     assert np.array_equal(table.values(start=2, within=9), table.values(start=2, within=2))
 
 
+@pytest.mark.slow
 def test_joint_and_decomposed_tables_agree_up_to_scheme_error():
     gaps = []
     for nodes in (16, 32):
@@ -212,6 +213,7 @@ LAX_FRIEDRICHS_SHARES = [0.025, 0.061, 0.125, 0.184, 0.248, 0.295, 0.327, 0.346,
 SHARE_TOLERANCE = 0.005
 
 
+@pytest.mark.slow
 def test_lax_reproduces_the_published_shares(arm):
     shares = node_shares(sdhj.solve(arm, HopfLax("linear")))
     print("lax", shares.round(4))
@@ -307,6 +309,7 @@ def test_an_unsafe_set_between_the_nodes_is_told():
         sdhj.solve(dataclasses.replace(problem, unsafe=(wide,)), "lax", progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "projected", "lax"])
 def test_a_table_is_freed_with_its_last_name(method: str) -> None:
     """Without the collector: else two tables are in memory where a solve is repeated."""

@@ -91,6 +91,7 @@ def test_other_functions_that_tell_nothing_inside(method, level_set):
     assert collisions(sdhj.solve(problem(level_set), method, progress=False)) == 0
 
 
+@pytest.mark.slow
 def test_a_moving_set_and_a_store(tmp_path):
     """Swept over pieces of the interval, and then closed; and in slabs with the same bits."""
     moving = problem(lambda p, t: unsigned(p - [0.1 * t, 0.0], t), steps=6)

@@ -145,6 +145,7 @@ def test_what_the_fallback_promises_is_kept(method: str, rng: np.random.Generato
     assert worst["collided"] > 100
 
 
+@pytest.mark.slow
 def test_the_arms_proof_says_where_it_is_clear(rng: np.random.Generator) -> None:
     """A promise of the certified arm: half of its states have none, and where there is one, nobody meets the arm."""
     problem = sdhj.arm_case_study(nodes=9, steps=3)
@@ -242,6 +243,7 @@ def test_a_cell_of_the_value_is_the_gradient_s_in_any_units() -> None:
         assert cell == pytest.approx(np.hypot(0.05 * 0.6, 0.2 * 0.8) * unit, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_random_policy_behind_the_arm_s_filter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the worst adversary; with no reserve at least three times as many are lost."""
     problem = sdhj.arm_case_study(nodes=25)
@@ -349,6 +351,7 @@ def test_a_random_commander_behind_the_certified_filter_is_never_lost(
     assert promised.all() and not fallback.any() and overruled.mean() > 0.1
 
 
+@pytest.mark.slow
 def test_behind_an_interpolated_filter_few_are_lost(rng: np.random.Generator) -> None:
     table, seen = skater("hji"), []
     counts = skated(commander(table, rng, seen), states_in(table, 1000, rng), 50, rng)

@@ -101,6 +101,7 @@ def turned_into_at_nodes():
     return turned_into(grid.points()).reshape(grid.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in USED if name.values[0] not in ("lax", "linear")])
 def test_what_has_left_does_not_come_back(name):
     problem = whirl()
@@ -125,6 +126,7 @@ def test_a_proof_counts_what_has_left(delta, rng):
     assert missing[1] < 0.05 and missing[1] < 0.7 * missing[0]
 
 
+@pytest.mark.slow
 def test_a_proof_for_the_whirl(rng):
     table = sdhj.solve(whirl(delta=0.5), Certified(cells=(120, 108), parts=12), progress=False)
     states = rng.uniform(-HIGH, HIGH, (5_000, 2))
@@ -145,6 +147,7 @@ def craft(lower, upper, nodes, delta=0.4, part=None):
     return ReachAvoidProblem(grid, dynamics, None, (part or disk([0.5, 0.0], 0.45),), delta, round(2 / delta))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", USED)
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_grid_may_as_well_go_on(method, moving):
@@ -165,6 +168,7 @@ def test_the_grid_may_as_well_go_on(method, moving):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hji", "lax"])
 def test_runs_on_the_true_river_are_not_lost(name, rng):
     table = sdhj.solve(craft([-1.0, -1.0], [1.0, 1.0], (81, 81)), METHODS[name], progress=False)
@@ -203,6 +207,7 @@ def test_what_is_past_a_safe_end_after_the_interval_has_all_margin():
         Controller(table).select([1.2, 0.0], 0)
 
 
+@pytest.mark.slow
 def test_one_end_safe_and_the_other_unsafe(monkeypatch):
     """A runner at 1 +- 0.5 to either side, on [0, 4]: only the upper end lets it go, and it must turn in time."""
     dynamics = Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], np.eye(1), [0.5])

@@ -264,6 +264,7 @@ def test_order_of_convergence_on_a_smooth_problem(
     assert fitted < expected + 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_growing_kinks_match_their_closed_form(monkeypatch, plain):
     """Phi_tau = |Phi_x|, Phi(0) = cos x: the maximum of cos over [x - tau, x + tau], the minimum turns to a kink."""

@@ -20,6 +20,7 @@ import naive_maps
 import numpy as np
 import pytest
 import shapely
+from parameters import but_slow
 from PIL import Image
 
 import sdhj
@@ -595,7 +596,7 @@ DOUBLE = [
 ]  # corners twice, or straight
 
 
-@pytest.mark.parametrize("seed", ["spiral", "comb", "double", *range(25)])
+@pytest.mark.parametrize("seed", but_slow(["spiral", "comb", "double", *range(25)], "spiral", *range(5, 25)))
 def test_polygons_of_every_shape_are_formulas(seed: Any, rng: np.random.Generator) -> None:
     """Signed distances to the last digits; away from edges bounds say outside, and inside where there is one part."""
     if isinstance(seed, int):

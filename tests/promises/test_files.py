@@ -274,7 +274,7 @@ def test_digests_are_read_of_small_tables_and_where_they_are_asked_for(arm_table
 
 
 def test_a_folder_that_is_no_table_is_refused(arm_table, tmp_path):
-    with pytest.raises(sdhj.TableFileError, match=r"is a folder without problem\.json: no table, or one that is not"):
+    with pytest.raises(sdhj.TableFileError, match=r"is a folder without problem\.json: name the file or folder of"):
         sdhj.load(tmp_path)
     arm_table.save(tmp_path / "arm.npz")
     (unzipped(tmp_path / "arm.npz") / "marks.npy").unlink()
@@ -436,6 +436,7 @@ def machine(change, *, black=False):
     return dataclasses.replace(problem, dynamics=dynamics, unsafe=(part,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("black", [False, True], ids=["formulas", "black box"])
 def test_a_table_is_read_where_constants_are_rounded_otherwise(black, tmp_path):
     table = sdhj.solve(machine(0.0, black=black), progress=False)

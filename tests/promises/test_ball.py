@@ -144,6 +144,7 @@ def test_a_ball_whose_disturbance_enters_nonlinearly_is_the_ball_itself(radius, 
     assert (reach >= r * (1 + r**2) * (1 - 1e-9)).all()
 
 
+@pytest.mark.slow
 def test_more_pieces_come_nearer_to_the_ball():
     """What they reach beyond it falls to the first order, and the table grows; one piece is the square."""
 
@@ -160,6 +161,7 @@ def test_more_pieces_come_nearer_to_the_ball():
     assert shares[1] > 1.3 * shares[0]
 
 
+@pytest.mark.slow
 def test_a_nonlinear_ball_is_kept_in_files(tmp_path):
     def made(r=0.2):
         return room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(r), pieces=3))
