@@ -6,22 +6,15 @@ python -m sphinx -c notebooks/site notebooks build/site
 
 import ast
 import html
-import inspect
 import itertools
 import json
 import os
-import pydoc
 import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from PIL import Image
-
 import sdhj
-from sdhj.formulas.rules import RULES
-from sdhj.formulas.text import written
 
 project = "sdhj"
 author = "The sdhj authors"
@@ -64,7 +57,6 @@ templates_path = ["_templates"]
 html_css_files = ["wide.css"]
 html_js_files = ["frames.js", "page.js"]
 FRAMES = Path(__file__).resolve().parent / "_static" / "frames"
-FIGURES = Path(__file__).resolve().parent.parent.parent / "figures"
 LIVE = "Controls, live where the notebook runs"  # how what a widget says without a kernel begins
 CHAPTERS = {int(path.name[:2]): path for path in Path(__file__).parent.parent.glob("[0-9][0-9]_*.ipynb")}
 TAG = re.compile(r"\\tag\{([^}]+)\}")
@@ -112,49 +104,12 @@ def as_page(app: Any, docname: str, source: list[str]) -> None:
     source[0] = json.dumps(notebook)
 
 
-def with_figures(app: Any, docname: str, source: list[str]) -> None:
-    """The gallery: of each script of figures/ what its docstring says, and its picture."""
-    if docname != "site/gallery":
-        return
-    for path in (*sorted(FIGURES.glob("fig[0-9]*.py")), *sorted(FIGURES.glob("extra_*.py"))):
-        sentence, _, more = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").partition("\n")
-        heading = " ".join(path.stem.split("_")[1:]).capitalize()
-        with Image.open(FIGURES / "gallery" / f"{path.stem}.png") as image:
-            nodes = image.info.get("nodes")
-        if nodes and "def value(" in path.read_text("utf-8"):  # else it draws no data
-            more += f"\n\nThe arm has {nodes} nodes on each axis here."
-        picture = f"![{sentence}](../../figures/gallery/{path.stem}.png)"
-        source[0] += "\n\n".join(["", f"## {heading}", f"{sentence} (`{path.name}`)", picture, more.strip(), ""])
-
-
-def with_rules(app: Any, docname: str, source: list[str]) -> None:
-    """The page on formulas: a table of all operations, and the text of one formula."""
-    if docname != "site/formulas":
-        return
-    rows = ["| operation | operands | in NumPy | what it gives |", "| --- | --- | --- | --- |"]
-    for rule in RULES.values():
-        names = ", ".join(f"`{name}`" for name in rule.numpy.split(", ") if name).replace("|", r"\|")
-        operands = "1 to 6" if rule.arity < 0 else rule.arity
-        rows.append(f"| `{rule.name}` | {operands} | {names} | {rule.says} |")
-    disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.5).level_set
-    lines = ["```text", *written(disk.outputs, []), "```"]
-    for mark, made in {"table of sdhj.formulas.rules.RULES": rows, "lines of a moving disk": lines}.items():
-        before, after = source[0].split(f"<!-- the {mark} -->")
-        source[0] = "\n".join([before.rstrip(), "", *made, after])
-
-
-def with_classes(app: Any, docname: str, source: list[str]) -> None:
-    """The reference: beside the link to each class the first sentence of its docstring."""
-    if docname != "site/api":
-        return
-    pages = Path(__file__).parent / "api"
-
-    def sentence(mark: re.Match[str]) -> str:
-        (name,) = re.findall(r"autoclass:: (\S+)\n", (pages / f"{mark[1]}.md").read_text("utf-8"))[:1]
-        found = pydoc.locate(name)  # None where an extra is not installed
-        return f": {(inspect.getdoc(found) or '').splitlines()[0]}" if found else ""
-
-    source[0] = re.sub(r"<!-- (\w+) -->", sentence, source[0])
+def with_directives(app: Any, docname: str, source: list[str]) -> None:
+    """What only the site shows stands in comments, `<!-- {name} ... -->`; links to what is included are for others."""
+    source[0] = re.sub(r"^\[.+\]\(.+\)\n\n(?=<!-- \{include\})", "", source[0], flags=re.MULTILINE)
+    source[0] = re.sub(r"^<!-- (\{[\w-]+\}.*?)-->$", r"```\1```", source[0], flags=re.MULTILINE | re.DOTALL)
+    if docname == "site/api":
+        source[0] = re.sub(r"^- \[(sdhj[\w.]*)\]\(\.\./[^)]*\)", r"- {py:obj}`\1`", source[0], flags=re.MULTILINE)
 
 
 def link_to_notebook(notebook: Any, name: str) -> None:
@@ -273,7 +228,5 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("doctree-read", as_written)
     app.connect("doctree-read", with_links)
     app.connect("source-read", as_page)
-    app.connect("source-read", with_figures)
-    app.connect("source-read", with_rules)
-    app.connect("source-read", with_classes)
+    app.connect("source-read", with_directives)
     return {"parallel_read_safe": True}

@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from documents import ROOT
 
@@ -29,10 +30,11 @@ STANDS_FOR = {  # what a name before a dot means
 NAME = re.compile(r"(?<![`\w])`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\([^`]*\))?`(?!`)")
 FILES = sorted((ROOT / "sdhj").rglob("*.py"))
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-# Of the system, Numba, Python, and another project's file that a page cites.
-OUTSIDE = {"MALLOC_TRIM_THRESHOLD_", "NUMBA_CACHE_DIR", "__pycache__", "print_if_then_else"}
+# Of the system, NumPy, Numba, Python, and of other projects that pages cite.
+OUTSIDE = {"MALLOC_TRIM_THRESHOLD_", "unzip", *dir(np), "NUMBA_CACHE_DIR", "__pycache__"}
+OUTSIDE |= {"hj_reachability.systems.Air3d", "print_if_then_else", "problem.json"}
 C = "".join((ROOT / "sdhj" / "certified" / name).read_text("utf-8") for name in ("sdhj.h", "export.py"))
-KNOWN = {*dir(builtins), *keyword.kwlist, *sdhj.__all__, *RULES, *EXTRAS, *main.commands, *OUTSIDE}
+KNOWN = {*dir(builtins), *keyword.kwlist, *sdhj.__all__, *RULES, *EXTRAS, *main.commands}
 KNOWN |= {*re.findall(r"sdhj_\w+", C, re.IGNORECASE)}
 SCOPES = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
@@ -97,6 +99,8 @@ def offered() -> set[str]:
 def resolves(name: str, here: set[str]) -> bool:
     """Whether a name, dotted or not, means something where the names `here` are known."""
     first, _, rest = name.partition(".")
+    if name in OUTSIDE:
+        return True
     if not rest:
         return first in here | KNOWN or first in modules() or first in offered() or bool(classes(first))
     if first == "sdhj" and rest != "h":

@@ -37,6 +37,44 @@ def test_files_that_are_named_are_there(path: Path) -> None:
     assert [named for named in named_files(path) if not named.exists()] == []
 
 
+def test_pages_say_what_the_code_says() -> None:
+    """`python .ci/pages.py` writes them; without Gymnasium what it cannot import is read."""
+    made = runpy.run_path(str(ROOT / ".ci" / "pages.py"))["pages"]()
+    assert len(made) > 25
+    assert [str(page) for page, text in made.items() if page.read_text("utf-8") != text] == [], "run .ci/pages.py"
+
+
+def test_no_page_has_directives_that_only_the_site_can_show() -> None:
+    """They stand in comments, and conf.py takes them out: README, what it links, and what that links."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "notebooks").rglob("*.md")]
+    texts = {path: path.read_text("utf-8") for path in pages}
+    assert [
+        str(path) for path in pages if re.search(r"^(```|:::)+\{|^\.\. \w+::", visible(texts[path]), re.MULTILINE)
+    ] == []
+    # whoever reads api.md elsewhere still finds each name that the site describes there
+    text = texts[SITE / "api.md"]
+    for name in re.findall(r"^\.\. auto\w+:: (\S+)", text, re.MULTILINE):
+        assert f"- [{name}](../../sdhj/" in visible(text)
+
+
+def visible(text: str) -> str:
+    """A page as it is shown where comments are all that is left out."""
+    return re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+
+
+def test_the_site_takes_directives_out_of_comments() -> None:
+    conf = runpy.run_path(str(SITE / "conf.py"))
+    for name, shown in (
+        ("index", "```{toctree}\n"),
+        ("site/api", "- {py:obj}`sdhj.solve`: "),
+        ("site/numbers", "```{include} "),
+    ):
+        source = [(ROOT / "notebooks" / f"{name}.md").read_text("utf-8")]
+        conf["with_directives"](None, name, source)
+        assert shown in source[0] and "<!-- {" not in source[0]
+        assert "[The table of all cases]" not in source[0]
+
+
 def test_the_rooms_are_listed() -> None:
     """All of them, and no other."""
     text = (SITE / "code.md").read_text(encoding="utf-8")
@@ -314,13 +352,9 @@ def test_the_page_on_formulas_holds_what_it_says() -> None:
 
 
 def test_every_rule_is_on_the_page_and_the_lines_are_read_again() -> None:
-    """What notebooks/site/conf.py puts in place of the two marks."""
-    conf = runpy.run_path(str(SITE / "conf.py"))
-    source = [(SITE / "formulas.md").read_text(encoding="utf-8")]
-    conf["with_rules"](None, "site/formulas", source)
-    named = re.findall(r"^\| `(\w+)` \| (?:\d|1 to 6) \|", source[0], re.MULTILINE)
-    assert named == list(RULES) and "<!--" not in source[0]
-    lines = re.search(r"^```text\n(x 0\n.*?)\n```$", source[0], re.MULTILINE | re.DOTALL)
+    text = (SITE / "formulas.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `(\w+)` \| (?:\d|1 to 6) \|", text, re.MULTILINE) == list(RULES)
+    lines = re.search(r"^```text\n(x 0\n.*?)\n```$", text, re.MULTILINE | re.DOTALL)
     assert lines is not None
     (disk,) = parsed(lines[1].splitlines(), [], 2, 1)
     states, found = np.array([[1.0, 0.5], [0.3, 0.0]]), np.empty((1, 2))

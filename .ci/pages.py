@@ -1,0 +1,116 @@
+"""Write what pages say of the code: first sentences of docstrings, tables of records, the gallery.
+
+Usage: python .ci/pages.py
+
+Lines of the reference that begin with a name end with the first sentence of its docstring; each class has a page of its
+own, which links its file. What else is made stands between `<!-- made: NAME -->` and `<!-- end -->`. A page so written
+can be read where the site is not: tests/docs/test_pages.py compares.
+"""
+
+import ast
+import inspect
+import pydoc
+import re
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+import sdhj
+from sdhj.formulas.rules import RULES
+from sdhj.formulas.text import written
+
+ROOT = Path(__file__).resolve().parent.parent
+SITE, FIGURES = ROOT / "notebooks" / "site", ROOT / "figures"
+MADE = re.compile(r"(<!-- made: (\w+) -->\n).*?(<!-- end -->\n)", re.DOTALL)
+OF_CLASS = re.compile(r"\A(# .*\n\n)(?:`.*\n\n?)?(<!-- )")
+ENTRY = re.compile(r"^- \[(?P<shown>[\w.]+)\]\((?P<to>[^)]+)\): .*$", re.MULTILINE)
+
+
+def made(path: Path) -> str:
+    """A page as it should be."""
+    text = path.read_text("utf-8")
+    if path.parent.name == "api":
+        return OF_CLASS.sub(lambda mark: mark[1] + stands_in(path) + mark[2], text)
+    text = MADE.sub(lambda mark: f"{mark[1]}\n{globals()[mark[2]]()}\n\n{mark[3]}", text)
+    return ENTRY.sub(lambda mark: entry(mark["shown"]), text) if path.name == "api.md" else text
+
+
+def pages() -> dict[Path, str]:
+    """All pages that something is written into, as they should be."""
+    of_classes = sorted((SITE / "api").glob("*.md"))
+    return {
+        path: made(path) for path in (*(SITE / f"{name}.md" for name in ("api", "formulas", "gallery")), *of_classes)
+    }
+
+
+def entry(shown: str) -> str:
+    """A line of the reference: a name, linked to the page of a class or else to its file, and what it is."""
+    name = shown if shown.split(".")[0] == "sdhj" else f"sdhj.{shown}"
+    page = SITE / "api" / f"{shown.removeprefix('sdhj.')}.md"
+    sentence, path = found(described(page) if page.is_file() else name)
+    return f"- [{shown}]({f'api/{page.name}' if page.is_file() else f'../../{path}'}): {sentence}"
+
+
+def described(page: Path) -> str:
+    """The name of the class, or module, that a page of the reference is about."""
+    return re.findall(r"(?:autoclass|automodule):: (\S+)\n", page.read_text("utf-8"))[0]
+
+
+def stands_in(page: Path) -> str:
+    """A line for those who read the page as it is: where the docstrings stand that the site shows here."""
+    path = found(described(page))[1]
+    return f"`{described(page)}` stands in [{path}](../../../{path}).\n\n"
+
+
+def found(name: str) -> tuple[str, str]:
+    """The first sentence of the docstring of what a dotted name stands for, and its file in the repository."""
+    if name.startswith("sdhj.simulation.environment.") and not find_spec("gymnasium"):  # cannot be imported then
+        path = ROOT / "sdhj" / "simulation" / "environment.py"
+        body = ast.parse(path.read_text("utf-8")).body
+        (docstring,) = (ast.get_docstring(one) for one in body if getattr(one, "name", "") == name.split(".")[-1])
+    else:
+        given: Any = pydoc.locate(name)
+        docstring, path = inspect.getdoc(given), Path(inspect.getsourcefile(inspect.unwrap(given)) or "")
+    lines = (docstring or "").split("\n\n")[0].splitlines()
+    last = next((number for number, line in enumerate(lines) if line.endswith(".")), len(lines) - 1)
+    return " ".join(line.strip() for line in lines[: last + 1]), path.relative_to(ROOT).as_posix()
+
+
+def rules() -> str:
+    """All operations of formulas, as a table."""
+    rows = ["| operation | operands | in NumPy | what it gives |", "| --- | --- | --- | --- |"]
+    for rule in RULES.values():
+        names = ", ".join(f"`{name}`" for name in rule.numpy.split(", ") if name).replace("|", r"\|")
+        operands = "1 to 6" if rule.arity < 0 else rule.arity
+        rows.append(f"| `{rule.name}` | {operands} | {names} | {rule.says} |")
+    return "\n".join(rows)
+
+
+def lines() -> str:
+    """The text of one formula, of a moving disk."""
+    disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.5).level_set
+    return "\n".join(["```text", *written(disk.outputs, []), "```"])
+
+
+def gallery() -> str:
+    """Of each script of figures/ what its docstring says, and its picture."""
+    parts = []
+    for path in (*sorted(FIGURES.glob("fig[0-9]*.py")), *sorted(FIGURES.glob("extra_*.py"))):
+        code = path.read_text("utf-8")
+        sentence, _, more = (ast.get_docstring(ast.parse(code)) or "").partition("\n")
+        with Image.open(FIGURES / "gallery" / f"{path.stem}.png") as image:
+            nodes = image.info.get("nodes")
+        if nodes and re.search(r"\bcontext\.(table|run|shares|nodes)\b", code):  # it is computed on the arm's grid
+            more += f"\n\nThe arm has {nodes} nodes on each axis here."
+        picture = f"![{sentence}](../../figures/gallery/{path.stem}.png)"
+        heading = f"## {' '.join(path.stem.split('_')[1:]).capitalize()}"
+        parts += [heading, f"{sentence} (`{path.name}`)", picture, *filter(None, [more.strip()])]
+    return "\n\n".join(parts)
+
+
+if __name__ == "__main__":
+    for page, text in pages().items():
+        page.write_text(text, "utf-8")
