@@ -352,11 +352,11 @@ def test_a_push_along_several_axes_counts_as_its_box():
 
 def test_fields_that_are_not_known_are_refused(tmp_path):
     """As `lines`, which images had that were no boxes."""
-    certified(interval_problem(), cells=(80,)).save(tmp_path / "table.h5")
-    with forged(tmp_path / "table.h5", named=True) as (told, _):
+    certified(interval_problem(), cells=(80,)).save(tmp_path / "table.npz")
+    with forged(tmp_path / "table.npz", named=True) as (told, _):
         told["proof"]["normals"] = [[1.0]]
     with pytest.raises(ValueError, match="its proof has normals, which this version does not know; solve it anew"):
-        sdhj.load(tmp_path / "table.h5")
+        sdhj.load(tmp_path / "table.npz")
 
 
 @pytest.mark.slow

@@ -8,14 +8,17 @@ import re
 import zipfile
 
 import digest_cases
+import forged_robots
 import make_golden
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from forging import forged
 from parameters import but_slow
 from toys import interval_problem, one_row, small_torus_table, torus_problem, unicycle_problem
 
 import sdhj
+from sdhj.cli import main
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.describing import described
 from sdhj.table import files
@@ -271,6 +274,30 @@ def test_digests_are_read_of_small_tables_and_where_they_are_asked_for(arm_table
         sdhj.load(stored, check=True)
     with pytest.raises(ValueError, match="check must be True, False or None, got 7"):
         sdhj.load(stored, check=7)
+
+
+def test_info_reads_all_digests(arm_table, tmp_path, monkeypatch):
+    arm_table.save(path := tmp_path / "arm.npz")
+    monkeypatch.setattr(files, "CHECKED", 1000)
+    assert CliRunner().invoke(main, ["info", str(path)]).exit_code == 0
+    whole = bytearray(path.read_bytes())
+    whole[whole.index(b"'<f4'") + 10_000] ^= 1
+    path.write_bytes(whole)
+    shown = CliRunner().invoke(main, ["info", str(path)])
+    assert shown.exit_code == 2 and "arm.npz is damaged" in shown.output
+
+
+def test_certified_tables_are_packed_unless_it_is_said(tmp_path):
+    table = sdhj.solve(forged_robots.line(), sdhj.Certified(cells=(40,)), progress=False, play=False)
+    for name, said in (("packed", {}), ("plain", {"compress": False})):
+        table.save(tmp_path / f"{name}.npz", **said)
+        loaded = sdhj.load(tmp_path / f"{name}.npz")
+        assert is_mapped(loaded.pool) and (loaded.origin is None) == (name == "packed")  # of a file, or of what it held
+        for one in (loaded, pickle.loads(pickle.dumps(loaded))):
+            assert np.array_equal(one.index, table.index) and np.array_equal(one.pool, table.pool)
+            assert one.contains([[0.3], [3.0]]).tolist() == table.contains([[0.3], [3.0]]).tolist()
+    sizes = [(tmp_path / f"{name}.npz").stat().st_size for name in ("packed", "plain")]
+    assert sizes[0] < sizes[1]
 
 
 def test_a_folder_that_is_no_table_is_refused(arm_table, tmp_path):
