@@ -90,8 +90,8 @@ def test_numbers_begin_at_multiples_of_64_bytes(tmp_path):
         assert all(found.array(name).ctypes.data % 64 == 0 for name, values in ARRAYS.items() if values.size)
 
 
-def test_unpacked_by_any_program_it_is_the_folder(tmp_path):
-    with zipfile.ZipFile(written(tmp_path)) as file:
+def test_unpacked_by_any_program_it_is_the_folder(tmp_path, packed):
+    with zipfile.ZipFile(written(tmp_path, packed)) as file:
         file.extractall(tmp_path / "folder")
     same(tmp_path / "folder")
 

@@ -272,16 +272,17 @@ class Contents:
         """
         self.path, self.folder = path, path.is_dir()
         image = mapped(path / HEAD) if self.folder else mapped(path)
-        begin = 0 if self.folder else self._first(image)
-        text = image[begin:] if self.folder else image[begin : begin + self._size_of_first(image)]
-        self.sha256, self.head = told(bytes(text[: MOST_HEAD + 1]))
+        begin, size = (0, len(image)) if self.folder else first_in(image)
+        text = image[begin : begin + min(size, MOST_HEAD + 1)]
+        self.sha256, self.head = told(bytes(text))
         self.stated = {name: Stated.of_json(name, one) for name, one in sorted(self.head.pop("arrays").items())}
+        if self.folder:  # where what was packed is not any more
+            self.stated = {name: one._replace(packed=None) for name, one in self.stated.items()}
         if not believed(self.stated):
             raise ValueError("its arrays are packed more closely than any that are written")
         unpacked = sum(one.size for one in self.stated.values() if one.packed)
         require_memory(unpacked, "all that is packed in the file", "close other programs, or use a larger machine")
-        if self.folder:  # where what was packed is not any more
-            self.stated = {name: one._replace(packed=None) for name, one in self.stated.items()}
+        if self.folder:
             self.parts = {name: mapped(path / file_name(name)) for name in self.stated}
         else:
             self.parts = self._members(image, bytes(text))
@@ -289,18 +290,6 @@ class Contents:
             part = self.parts[name]
             if not one.packed and (len(part) != one.size or part[:HEADER] != header(one.kind, one.shape)):
                 raise Damaged(f"its array {name} is not what was written")
-
-    @staticmethod
-    def _size_of_first(image: memoryview) -> int:
-        """The size of the head that a zip states."""
-        name = len(HEAD)
-        return min(int(struct.unpack_from("<Q", image, 30 + name + 4)[0]), MOST_HEAD)
-
-    def _first(self, image: memoryview) -> int:
-        """Where the head begins in a zip; `Damaged` if no head begins there."""
-        if len(image) < 256 or bytes(image[:4]) != b"PK\3\4" or image[30 : 30 + len(HEAD)] != HEAD.encode():
-            raise Damaged("it does not begin as a table's file does")
-        return len(Member(HEAD.encode(), 0, 0, 0, False, 0).header)
 
     def _members(self, image: memoryview, text: bytes) -> dict[str, memoryview]:
         """The bytes of each array in a zip; `Damaged` where one byte between them is not what would be written."""
@@ -346,6 +335,14 @@ class Contents:
                 raise ValueError(f"its array {name} cannot be unpacked")
             part = memoryview(data)
         return numbers_in(part, one.kind, one.shape)
+
+
+def first_in(image: memoryview) -> tuple[int, int]:
+    """Where the head begins in a zip, and the size that is stated; `Damaged` if it does not begin with a head."""
+    if len(image) < HEADER or bytes(image[:4]) != b"PK\3\4" or image[30 : 30 + len(HEAD)] != HEAD.encode():
+        raise Damaged("it does not begin as a table's file does")
+    begin = len(Member(HEAD.encode(), 0, 0, 0, False, 0).header)
+    return begin, int.from_bytes(image[30 + len(HEAD) + 4 :][:8], "little")
 
 
 def told(text: bytes) -> tuple[str, dict[str, Any]]:

@@ -83,13 +83,14 @@ class Arrays:
         expect_same(first + b"\n", BEGINNING % hashlib.sha256(rest).hexdigest().encode(), "its head")
         self.head = dict(json.loads(b"{" + rest))
         self.stated = {name: Stated(name, entry) for name, entry in sorted(self.head.pop("arrays").items())}
+        if folder:  # where what was packed is not any more
+            for one in self.stated.values():
+                one.packed, one.as_it_lies = None, one.sha256
         packed = [one for one in self.stated.values() if one.packed is not None]
         most = max(MOST_UNPACKED, MOST_TIMES * sum(one.packed for one in packed))
         if sum(one.size for one in packed) > most:
             raise ValueError("its arrays must not be packed so closely")
         if folder:
-            for one in packed:  # which are not any more
-                one.packed, one.as_it_lies = None, one.sha256
             self.parts = {name: mapped(os.path.join(path, one.file)) for name, one in self.stated.items()}
         else:
             self.parts = dict(zip(self.stated, parts_of_zip(image, text, [*self.stated.values()]), strict=True))
@@ -186,7 +187,7 @@ def parts_of_zip(image: memoryview, text: bytes, stated: list[Stated]) -> Iterat
         about = name.encode(), crc, size, size if packed is None else packed, 0 if packed is None else 8, at
         header, begin = before(*about), at
         entries += listed(*about)
-        expect_same(bytes(image[at : at + len(header)]), header, "its zip")
+        expect_same(image[at : at + len(header)], header, "its zip")
         at += len(header) + about[3]
         if begin:
             yield image[at - about[3] : at]
@@ -194,4 +195,4 @@ def parts_of_zip(image: memoryview, text: bytes, stated: list[Stated]) -> Iterat
     end = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, count, count, len(entries), at)
     end += struct.pack("<IIQI", 0x07064B50, 0, at + len(entries), 1)
     end += struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, 0xFFFF, 0xFFFF, ALL, ALL, 0)
-    expect_same(bytes(image[at:]), entries + end, "its zip")
+    expect_same(image[at:], entries + end, "its zip")
