@@ -59,6 +59,7 @@ def done(monkeypatch):
     return counts
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 @pytest.mark.parametrize("kind", ["constant", "turning", "timed", "moving"])
 @pytest.mark.parametrize("method", [FIXED, sdhj.Projected(inner=FIXED), sdhj.HJI(games="joint")])  # no shifts

@@ -299,6 +299,7 @@ ARMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_a_recipe_of_another_arm_is_found(name, arm, tmp_path):
     """By the table and by the checker, which goes by the recipe."""

@@ -232,6 +232,7 @@ MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 SLOWED = lambda q, u: u - 0.1 * q  # noqa: E731
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "drift"),
     [

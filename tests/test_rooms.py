@@ -61,6 +61,7 @@ def faults(module: ast.Module) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_imports_stand_at_the_top() -> None:
     rooms = [path for path in FILES if path != PACKAGE / "__init__.py"]
     assert {str(path): found for path in rooms if (found := faults(tree(path)))} == {}
@@ -108,6 +109,7 @@ def test_compiled_code_lies_with_the_kernels() -> None:
         assert not compiled or PACKAGE / "kernels" in path.parents, f"{path.name}: {compiled}"
 
 
+@pytest.mark.slow
 def test_functions_fit_on_a_screen() -> None:
     spans = {
         f"{path.name}: {one.name}": one.end_lineno - one.lineno + 1 - len((ast.get_docstring(one) or "").splitlines())

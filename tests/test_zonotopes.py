@@ -233,6 +233,7 @@ def test_intervals_that_may_end_early_keep_their_shape():
     assert lax == pytest.approx(hji, rel=0.05) and lax > 1.2 * share(square, "lax")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", ["unsafe", "wall", "safe"])
 def test_in_slabs_and_on_from_a_former_table_bit_for_bit(tmp_path, ends):
     """As far as segments read, halos reach, and what has changed is carried on."""

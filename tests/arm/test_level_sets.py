@@ -35,6 +35,7 @@ def check(
         assert np.median(greatest - least) <= bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinematics", KINEMATICS)
 def test_level_sets_are_short_formulas(kinematics: str, rng: np.random.Generator) -> None:
     view = scene(arm_case_study(7, kinematics=kinematics))

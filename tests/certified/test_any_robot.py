@@ -35,6 +35,7 @@ def saved(tmp_path_factory):
     return table, path
 
 
+@pytest.mark.slow
 def test_a_car_grows_and_is_proved(saved, rng):
     table, path = saved
     assert table.proof.low.shape[2] == 38  # its images by heading alone
@@ -101,6 +102,7 @@ def test_staying_clear_for_ever(tmp_path, rng):
         assert (np.abs(states) <= [1.0, 2.0]).all()
 
 
+@pytest.mark.slow
 def test_a_hill_pushes_outward_from_its_top(tmp_path):
     """A direction is divided by a length that is 0 at the top; the proof needs its bounds there, too."""
 
@@ -124,6 +126,7 @@ def test_a_hill_pushes_outward_from_its_top(tmp_path):
     assert report.counts["reached"] == 500
 
 
+@pytest.mark.slow
 def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     """A stream to the right, three cells a step: the cells at its safe end are proved because they leave."""
 

@@ -26,6 +26,7 @@ def images(table, axis):
     return [cells.image(slow * delta, fast * delta) for slow, fast in speeds]
 
 
+@pytest.mark.slow
 def test_tubes_hold_every_sampled_motion(small, clear, rng):
     """Motions from cells and inputs that are marked clear, with random and extreme adversaries, meet nothing."""
     problem, motion = small.problem, small.proof.motion
@@ -66,6 +67,7 @@ def test_goal_cells_are_inside_the_target(small, rng):
             assert (stage.obstacles_value(states[:, :2], t) > 0).all() and (stage.pursuer_value(states, t) > 0).all()
 
 
+@pytest.mark.slow
 def test_no_goal_cell_is_left_out_by_much(small):
     """A cell whose states are inside the target by 2 mm and clear by 2 mm (at its corners and middle) is certified."""
     problem, stage = small.problem, scene(small.problem)
@@ -97,6 +99,7 @@ def test_recursion_agrees_with_the_twin(small, clear):
     assert small.fraction(start=0, within=2) > small.fraction(start=0, within=1) > small.fraction(start=0, within=0) > 0
 
 
+@pytest.mark.slow
 def test_finer_cells_certify_more():
     problem = sdhj.arm_case_study(**(SMALL | {"steps": 1}))
     fractions = [
@@ -106,6 +109,7 @@ def test_finer_cells_certify_more():
     assert fractions == sorted(fractions) and fractions[2] > fractions[0] + 0.01
 
 
+@pytest.mark.slow
 def test_evader_is_certified_too(rng):
     problem = sdhj.evader_case_study(
         nodes=9, steps=2, u_max=4.0, v_d_max=1.0, v_e_max=0.3, input_levels=3, evader_radius=0.14, obstacles=()

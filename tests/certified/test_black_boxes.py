@@ -59,6 +59,7 @@ def test_what_a_proof_needs_is_asked_for(name):
             certified(BUILDERS[name](**declared), cells=[40])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUILDERS)
 def test_what_is_declared_truly_proves_the_same_or_nearly(name):
     """What is linear or constant costs a layer of cells in each step at most; a slope that is too steep costs more."""
@@ -137,6 +138,7 @@ def test_a_gain_that_depends_on_the_state_counts_in_full():
         np.testing.assert_allclose(least[:, 0], [-0.25, -0.3], atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["level set", "velocity"])
 def test_a_function_may_jump_at_the_seam(part, rng):
     """A set written for angles as plain numbers ends where the axis closes; tubes reach across, and are cut there."""

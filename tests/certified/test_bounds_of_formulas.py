@@ -49,6 +49,7 @@ def problem_with(function):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 def test_what_is_easily_bounded_wrongly_is_refused_or_right(rng):
     """Neither method promises a state that is in the set."""

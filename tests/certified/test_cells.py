@@ -51,6 +51,7 @@ def test_a_period_that_may_be_a_little_more_than_one_is_cut_into_cells():
     assert axis.extent[0] < 1 < axis.extent[1] and axis.count == 10
 
 
+@pytest.mark.slow
 @given(
     st.booleans(),
     st.integers(50, 300),

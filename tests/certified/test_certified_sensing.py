@@ -54,6 +54,7 @@ def test_the_closed_form(sensing):
         assert table.contains([*places, *-places], start=0, within=n).tolist() == [True, False, True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_cells", [False, True])
 def test_many_cells_in_the_box_of_an_error_take_little_memory(monkeypatch, by_cells):
     """A box holds 200 cells here; all states inside at once would take some 50 MB for each copy of their points.
@@ -116,6 +117,7 @@ def test_states_are_promised_as_plain_loops_say(problem, cells, region, rng):
         assert told == sets[np.ix_(*near)].all(), state
 
 
+@pytest.mark.slow
 def test_more_of_anything_never_enlarges_a_set():
     chain = [
         Sensing(),

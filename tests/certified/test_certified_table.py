@@ -21,6 +21,7 @@ def table():
     return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), Certified(cells=(84, 84, 24, 24)), progress=False)
 
 
+@pytest.mark.slow
 def test_values_and_contains_agree_and_tubes_grow(table):
     points = table.grid.points()
     inside = [table.values(start=0, within=n).ravel() <= 0 for n in range(4)]

@@ -143,6 +143,7 @@ def test_timed_growth_holds_every_motion(name, opaque, parts, rng):
             assert (low + last[..., 0] - 1e-7 <= states).all() and (states <= high + last[..., 1] + 1e-7).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", ["up", "down", "switching", "away"])
 def test_no_run_from_a_certified_state_is_lost(proved, adversary, rng):
     case, table = proved

@@ -31,6 +31,7 @@ def test_every_mutant_of_a_solution_is_refused_or_is_the_same(chapter: str) -> N
         assert found[number, "refused"] >= 2, f"{number} has hardly a mutant that is refused"
 
 
+@pytest.mark.slow
 def test_a_sample_of_mutants_is_refused_or_is_the_same() -> None:
     """What takes no solve, every tenth."""
     chapters = sorted({f"{int(number.split('.')[0]):02d}" for number in QUICK})

@@ -94,6 +94,7 @@ def test_slabs_give_every_bit(case, tmp_path, monkeypatch):
     assert_bit_equal(stored, sdhj.solve(problem, method))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["a drift along three axes", "a torus, gone around", "the arm, by Hopf and Lax"])
 def test_slabs_in_memory_give_every_bit(case):
     """What `solve` never does, as one slab is always faster there: three slabs or more of arrays in memory."""
@@ -141,6 +142,7 @@ SCHEMES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scheme", "state", "across"),
     [

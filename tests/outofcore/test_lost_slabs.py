@@ -92,6 +92,7 @@ def stop_after(monkeypatch, tasks, error):
     return counted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tasks", [0, 9, 30])
 def test_a_stopped_solve_goes_on(problem, memory, table, tmp_path, monkeypatch, tasks):
     stop_after(monkeypatch, tasks, KeyboardInterrupt())
@@ -118,6 +119,7 @@ def run_until(store, memory, number, resume=False, preexec=None):
     return done.returncode, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize(
     "number",
@@ -192,6 +194,7 @@ def few(tmp_path):
     return problem, tmp_path / "few"
 
 
+@pytest.mark.slow
 def test_every_flipped_byte_is_found(few, rng):
     problem, store = few
     table = sdhj.solve(problem)
@@ -223,6 +226,7 @@ def test_every_flipped_byte_is_found(few, rng):
         assert_bit_equal(sdhj.load(store), table)
 
 
+@pytest.mark.slow
 def test_twenty_swapped_slabs_are_refused(problem, store, rng):
     """Also where the ledger's lines are swapped with them."""
     for number in range(20):
@@ -354,6 +358,7 @@ def test_a_store_of_another_version_is_refused(problem, store, monkeypatch):
     sdhj.load(store, problem=problem)  # to be read it need not be the same
 
 
+@pytest.mark.slow
 def test_two_processes_on_one_store(problem, memory, table, tmp_path, monkeypatch):
     path = tmp_path / "t"
     stop_after(monkeypatch, 9, Stopped())

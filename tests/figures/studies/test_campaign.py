@@ -15,6 +15,7 @@ import sdhj
 PLACE = np.array([1.5, 0.0])  # minus this: where a disk stands that no table knows of
 
 
+@pytest.mark.slow
 def test_a_campaign_counts_batch_by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign_module, "BATCH", 300)
     table = sdhj.solve(toys.torus_problem(nodes=32), method="lax", progress=False)

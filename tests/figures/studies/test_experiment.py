@@ -91,6 +91,7 @@ def test_what_moves_as_it_is_known_to_does() -> None:
         np.testing.assert_allclose(sensors[0, k, -6:-4], tip, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_error_is_that_of_a_change_of_speed() -> None:
     """At full torque a change of speed takes (change)^2 / (2 torque / inertia): e1 is between one and two of it."""
     for torque, u in ((4.0, 1.0), (4.0, 2.0), (2.0, 2.0)):
@@ -99,6 +100,7 @@ def test_the_error_is_that_of_a_change_of_speed() -> None:
         assert 1.0 < e[0] / ((2 * u) ** 2 / (2 * torque / INERTIA)) < 2.0
 
 
+@pytest.mark.slow
 def test_counts_of_the_encoder_change_little(monkeypatch) -> None:
     plant = Plant(arm(2.0), evidence().motors)
     noisy = recorded(plant, 100, np.random.default_rng(1)).max(axis=0)
