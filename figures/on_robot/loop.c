@@ -26,6 +26,9 @@ int main(int argc, char **argv) {
     fprintf(stderr, "this is not the table that the program was built with\n");
     return 1;
   }
+#if SDHJ_ROBOT_ARRIVES
+  table.arrived = sdhj_robot_arrived;
+#endif
   while (scanf("%u %lf %lf %lf", &step, &state[0], &state[1], &state[2]) == 4) {
     uint32_t input;
     const sdhj_status status = sdhj_select(&table, step, state, &input); /* the braking input where there is none */

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.certified.arriving import arrived_in_c
 from sdhj.certified.table import CertifiedTable
 from sdhj.certified.words import CLEAR, Rule, words_of
 from sdhj.kernels import FloatArray
@@ -500,11 +501,8 @@ def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
     0 on the grid, else `OFF_GRID` or `PAST_SAFE_END` of `STATUS`; past an end that is not safe is off the grid,
     whatever the other axes say.
     """
-    cells, grid = table.cells, table.grid
-    offset = np.where(cells.periodic, 0.0, states - cells.lower)
-    begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
-    below, above = offset < begin - table.proof.shell, offset > end + table.proof.shell
-    safe = grid.ends_where("frees")
+    below, above = table.past_ends(states)
+    safe = table.grid.ends_where("frees")
     past = (below & safe[0]) | (above & safe[1])
     off = (below | above).any(axis=1)
     return np.where(
@@ -525,7 +523,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
 
     fields, rule, brake : what the file answers, the name of the rule, and the braking input's index.
     """
-    problem, grid, inputs = table.problem, table.grid, table.problem.inputs
+    problem, grid, inputs, arrived = table.problem, table.grid, table.problem.inputs, arrived_in_c(table.problem)
     name, *axes = map(c_comment, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
     rows = [", ".join(format(float(x), ".17g") for x in row) for row in inputs]
@@ -540,6 +538,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         "#define SDHJ_ROBOT_H",
         "",
         "#include <stdint.h>",
+        *(["#ifndef SDHJ_NO_FLOAT", "#include <math.h>", "#endif"] if arrived else []),
         "",
         f"#define SDHJ_ROBOT_AXES {grid.ndim}",
         f"#define SDHJ_ROBOT_INPUTS {inputs.shape[0]}",
@@ -549,6 +548,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may have no end */",
         f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
         f"#define SDHJ_ROBOT_REMEMBERS {int(problem.sensing.remembers)} /* 1: the loop is sdhj_step, with a memory */",
+        f"#define SDHJ_ROBOT_ARRIVES {int(bool(arrived))} /* 1: table.arrived = sdhj_robot_arrived, once it is open */",
         f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
         *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
         "",
@@ -560,6 +560,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         *(f"    {', '.join(digest[at : at + 8])}," for at in range(0, 32, 8)),
         "};",
         "",
+        *(["#ifndef SDHJ_NO_FLOAT", *arrived, "#endif", ""] if arrived else []),
         "#endif",
     ]
     return "\n".join(lines) + "\n"
@@ -570,7 +571,9 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
 CALLS = """#include "sdhj.h"
 size_t x_size(void) { return sizeof(sdhj_table); }
 int x_open(void *t, const void *bytes, size_t size, const uint8_t *digest) {
-  return sdhj_open((sdhj_table *)t, bytes, size, digest);
+  const int status = sdhj_open((sdhj_table *)t, bytes, size, digest);
+  ((sdhj_table *)t)->arrived = ARRIVED;
+  return status;
 }
 uint32_t x_selftest(const void *t) { return sdhj_selftest((const sdhj_table *)t); }
 void x_ask(const void *table, int what, uint32_t step, const double *states, size_t count, const uint32_t *wanted,
@@ -691,7 +694,10 @@ class Exported:
             raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")
         with TemporaryDirectory() as folder:
             source, library = Path(folder, "calls.c"), Path(folder, "calls.so")
-            source.write_text(CALLS + LOOP)
+            arrived = arrived_in_c(self.table.problem)
+            lines = ["#include <math.h>", "#include <stdint.h>", *arrived] if arrived else []
+            lines.append(f"#define ARRIVED {'sdhj_robot_arrived' if arrived else 'NULL'}\n")
+            source.write_text("\n".join(lines) + CALLS + LOOP)
             command = [compiler, *FLAGS, f"-I{self.folder}", str(source), "-o", str(library)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:

@@ -14,6 +14,10 @@
  * (of the axis's largest coordinate) counts as in it, as in the proof. Controllers without floating point define SDHJ_NO_FLOAT and ask by the cell
  * (`sdhj_cell`, then functions whose names end in _at). No function changes the table: threads may share it.
  *
+ * That a state is in the target itself, in a cell that is not as a whole, no cell can say: once the table is open,
+ *   table.arrived = sdhj_robot_arrived;                                     where SDHJ_ROBOT_ARRIVES is 1; it needs -lm
+ * then it has 0 steps to go, and where no input is proved to lead back the status is SDHJ_IN_TARGET.
+ *
  * A table for a controller that remembers (SDHJ_ROBOT_REMEMBERS) is asked by a loop, once for each measurement:
  *   sdhj_memory memory = {0};                                            anew for each loop, and after a missed deadline
  *   status = sdhj_step(&table, &memory, step, measurement, &input);
@@ -62,6 +66,7 @@ typedef struct {
   uint32_t reads[6], begins[6]; /* axes that an image along one depends on, as bits; where those of an axis begin */
 #ifndef SDHJ_NO_FLOAT
   double lower[6], width[6], length[6], error[6], upper[6], slack[6], delta;
+  int (*arrived)(uint32_t step, const double *state); /* NULL, or sdhj_robot_arrived: set it after sdhj_open */
 #endif
 } sdhj_table;
 
@@ -547,25 +552,49 @@ static inline sdhj_status sdhj_filter_at(const sdhj_table *t, uint32_t step, con
 
 /* ---- the same of a state, (axes,) in the units of the axes */
 
+/* Whether a state on the grid is in the target itself, where the table has been told how to see it. */
+static inline int sdhj_there(const sdhj_table *t, uint32_t step, const double *state) {
+  return t->arrived != NULL && t->arrived(t->starts > 1u ? step : 0u, state);
+}
+
+/* Whether of a state in the target inputs are not asked, as its cell has none, or only such as leave more than one step. */
+static inline int sdhj_done(const sdhj_table *t, uint32_t step, const double *state, const sdhj_place *place, sdhj_status status) {
+  uint32_t least;
+  if ((status != SDHJ_OK && status != SDHJ_NOT_PROVED) || !sdhj_there(t, step, state)) return 0;
+  return status == SDHJ_NOT_PROVED || (sdhj_least_ahead(t, step, place, &least) == SDHJ_OK && least > 1u);
+}
+
 static inline sdhj_status sdhj_steps_to_go(const sdhj_table *t, uint32_t step, const double *state, uint32_t *steps) {
   sdhj_place place;
-  const sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate(t, state, &place);
   *steps = UINT32_MAX;
-  return status != SDHJ_OK ? status : sdhj_steps_to_go_at(t, step, &place, steps);
+  if (status != SDHJ_OK) return status;
+  status = sdhj_steps_to_go_at(t, step, &place, steps);
+  if ((status != SDHJ_OK && status != SDHJ_NOT_PROVED) || !sdhj_there(t, step, state)) return status;
+  *steps = 0;
+  return SDHJ_OK;
 }
 
 static inline sdhj_status sdhj_select(const sdhj_table *t, uint32_t step, const double *state, uint32_t *input) {
   sdhj_place place;
-  const sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate(t, state, &place);
   *input = t->brake;
-  return status != SDHJ_OK ? status : sdhj_select_at(t, step, &place, input);
+  if (status != SDHJ_OK) return status;
+  status = sdhj_select_at(t, step, &place, input);
+  if (!sdhj_done(t, step, state, &place, status)) return status;
+  *input = t->brake;
+  return SDHJ_IN_TARGET;
 }
 
 static inline sdhj_status sdhj_safe_inputs(const sdhj_table *t, uint32_t step, const double *state, uint8_t *bits) {
   sdhj_place place;
-  const sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate(t, state, &place);
   memset(bits, 0, t->mask);
-  return status != SDHJ_OK ? status : sdhj_safe_inputs_at(t, step, &place, bits);
+  if (status != SDHJ_OK) return status;
+  status = sdhj_safe_inputs_at(t, step, &place, bits);
+  if (!sdhj_done(t, step, state, &place, status)) return status;
+  memset(bits, 0, t->mask);
+  return SDHJ_IN_TARGET;
 }
 
 static inline sdhj_status sdhj_clear_inputs(const sdhj_table *t, uint32_t step, const double *state, uint8_t *bits) {
@@ -584,16 +613,20 @@ static inline sdhj_status sdhj_fallback(const sdhj_table *t, uint32_t step, cons
 
 static inline sdhj_status sdhj_filter(const sdhj_table *t, uint32_t step, const double *state, uint32_t wanted, uint32_t *input) {
   sdhj_place place;
-  const sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate(t, state, &place);
   *input = t->brake;
-  return status != SDHJ_OK ? status : sdhj_filter_at(t, step, &place, wanted, NULL, input);
+  if (status != SDHJ_OK) return status;
+  status = sdhj_filter_at(t, step, &place, wanted, NULL, input);
+  return status == SDHJ_NOT_PROVED && sdhj_there(t, step, state) ? SDHJ_IN_TARGET : status;
 }
 
 static inline sdhj_status sdhj_filter_command(const sdhj_table *t, uint32_t step, const double *state, const double *command, uint32_t *input) {
   sdhj_place place;
-  const sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate(t, state, &place);
   *input = t->brake;
-  return status != SDHJ_OK ? status : sdhj_filter_at(t, step, &place, 0, command, input);
+  if (status != SDHJ_OK) return status;
+  status = sdhj_filter_at(t, step, &place, 0, command, input);
+  return status == SDHJ_NOT_PROVED && sdhj_there(t, step, state) ? SDHJ_IN_TARGET : status;
 }
 
 /* ---- a loop that remembers */
@@ -730,20 +763,24 @@ static inline uint32_t sdhj_selftest(const sdhj_table *t) {
     const uint32_t step = t->starts > 1u ? i % (t->steps + 1u) : 0u;
     uint32_t value, crc = 0xffffffffu, j;
     double state[SDHJ_AXES];
-    sdhj_status status;
+    sdhj_status status, seen;
     sdhj_place place;
     for (axis = 0; axis < t->axes; axis++) { /* as a part of the axis, and a fiftieth past its ends */
       volatile double beside = 0.02 * t->length[axis], share = sdhj_u16(test + 2u * axis) * (1.04 / 65535.0);
       volatile double part = share * t->length[axis];
       state[axis] = t->lower[axis] - beside + part;
     }
-    status = sdhj_steps_to_go(t, step, state, &value);
+    seen = sdhj_locate(t, state, &place); /* by cells, whether or not the table sees arrivals */
+    value = UINT32_MAX;
+    status = seen != SDHJ_OK ? seen : sdhj_steps_to_go_at(t, step, &place, &value);
     crc = sdhj_told(crc, status, value);
-    status = sdhj_select(t, step, state, &value);
+    value = t->brake;
+    status = seen != SDHJ_OK ? seen : sdhj_select_at(t, step, &place, &value);
     crc = sdhj_told(crc, status, value);
-    status = sdhj_filter(t, step, state, i % t->count_of_inputs, &value);
+    value = t->brake;
+    status = seen != SDHJ_OK ? seen : sdhj_filter_at(t, step, &place, i % t->count_of_inputs, NULL, &value);
     crc = sdhj_told(crc, status, value);
-    status = sdhj_locate(t, state, &place);
+    status = seen;
     for (j = 0; status == SDHJ_OK && j < 2u; j++) { /* inputs, one by one: there is no room for all of them */
       const uint32_t field = j == 0u ? SDHJ_SAFE : SDHJ_CLEAR;
       uint32_t input, cell[SDHJ_AXES], least;

@@ -119,6 +119,33 @@ class CertifiedTable(Table):
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
         """The fewest steps within which states (M, ndim) at a step are certified to reach the target: (M,) int64.
 
+        As `steps_by_cells`, but 0 for all that have `arrived`. ValueError where states do not fit.
+        """
+        found = self.steps_by_cells(states, step)
+        found[self.arrived(np.atleast_2d(real_array("states", states)), step)] = 0
+        return found
+
+    def arrived(self, states: FloatArray, step: int) -> FloatArray:
+        """The numbers (R,) of states (M, ndim) at a step that are in the target itself and clear, whatever their cell.
+
+        By the level-set functions (`Sampled.arrived`); of none that is off the grid by more than the shell.
+        """
+        rows = self.problem.arrived(states, step)
+        return rows[~np.logical_or(*self.past_ends(states[rows])).any(axis=1)] if rows.size else rows
+
+    def past_ends(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whether states (M, ndim) are past the lower, and past the upper end of each axis, by more than the shell.
+
+        (M, ndim) bool each, False on periodic axes. By the same operations as `sdhj_place_of` in C.
+        """
+        cells, shell = self.cells, self.proof.shell
+        offset = np.where(cells.periodic, 0.0, states - cells.lower)
+        begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
+        return offset < begin - shell, offset > end + shell
+
+    def steps_by_cells(self, states: FloatArray, step: int) -> FloatArray:
+        """The fewest steps certified of the cells that states (M, ndim) at a step are in: (M,) int64.
+
         N - step + 1 where none is certified. Without a target it is 0 where the state is certified to stay clear for
         all steps that are left, else N - step + 1. A state within the shell of a cell counts as in it. ValueError where
         states do not fit.
@@ -131,6 +158,8 @@ class CertifiedTable(Table):
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether states `points` (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, no shell.
 
+        Whoever has `arrived` is in every tube.
+
         With sensing, a state is in the tube only where every measurement or prediction of it is, all of the box E
         around it.
         """
@@ -138,6 +167,8 @@ class CertifiedTable(Table):
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
             out[out] = self._inside_around(np.atleast_2d(points)[out], start, within)
+            return out
+        out[self.arrived(np.atleast_2d(points), start)] = True
         return out
 
     def _inside_around(self, states: FloatArray, start: int, within: int) -> FloatArray:
@@ -387,6 +418,7 @@ class CertifiedTable(Table):
         fewest = self._fewest(
             self.grid.points(), self.tube_index(start, 0), self.tube_index(start, self.steps), self.proof.rounding
         )
+        fewest[self.arrived(self.grid.points(), start)] = 0
         return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
@@ -402,7 +434,7 @@ class CertifiedTable(Table):
 
         The shell counts, as for `steps_to_go`. Without a target <= 0 in the tube of all steps that are left.
         """
-        to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
+        to_go = self.steps_by_cells(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
@@ -427,9 +459,8 @@ class CertifiedTable(Table):
         scores (M, L) : `best` is then the first safe input of least score, else the one that "deepest" prefers at the
             centre of the cell; -1 where none is safe.
 
-        In the target there may be no input that is proved to bring the state back into it one step later. At the end of
-        a run a state may be in the target and in no cell of S_k^0, so no answer says that it is; `Controller.step`
-        does.
+        A state in the target itself has 0 steps to go, whatever its cell (`arrived`). There may be no input
+        that is proved to bring it back one step later.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -438,6 +469,9 @@ class CertifiedTable(Table):
         to_go, safe, best = self._words.look_up(self, states, step, within, rule)
         if self.problem.has_no_target:
             to_go[to_go >= 0] = left
+        elif (there := self.arrived(states, step)).size:
+            away = there[to_go[there] > within]  # proved for more steps than a state in the target is asked about
+            to_go[there], safe[away], best[away] = 0, False, NOT_ADMISSIBLE
         if scores is not None:
             none, best = best < 0, np.where(safe, scores, np.inf).argmin(axis=1)
             best[none] = NOT_ADMISSIBLE
@@ -452,7 +486,8 @@ class CertifiedTable(Table):
         """
         if rule == "deepest":
             return batch.best.copy()
-        return self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
+        found = self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
+        return np.where(batch.best < 0, NOT_ADMISSIBLE, found)
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
         """For each state of a batch the safe input of least score, of equals that of least margin: (M,).

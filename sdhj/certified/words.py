@@ -69,7 +69,7 @@ def margins_of(
     pairs, inputs = np.nonzero(safe)
     if pairs.size:
         moved = states[pairs] + moves[rows[pairs], inputs]
-        after = table.steps_to_go(table.grid.clipped(moved), step + 1)
+        after = table.steps_by_cells(table.grid.clipped(moved), step + 1)
         if table.grid.has("frees"):
             after[table.grid.beyond(moved, "frees")] = 0  # out of danger for good
         margins[pairs, inputs] = np.minimum(after - (steps_left[pairs] - 1), 0)  # an integrator's error proves nothing

@@ -278,6 +278,25 @@ class Sampled(Statement):
                 np.minimum(out[:, begin:end], value, out=out[:, begin:end], where=counts.reshape(-1, 1))
         return out
 
+    def arrived(self, states: FloatArray, step: int) -> FloatArray:
+        """Which of states (M, ndim) at a step are in the target and in no unsafe set, by the level-set functions.
+
+        Their numbers, (R,) int64, ascending. None where a function is undefined, off the grid, and with a `Sensing`,
+        where the true state is not known.
+        """
+        level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
+        if self.has_no_target or self.sensing:
+            return np.zeros(0, np.int64)
+        points, rows = self.grid.wrapped(states), None
+        if isinstance(level_set, Formula):  # in a third of the time; it has values off the grid, too
+            rows = np.flatnonzero(level_set(points.take(axes, axis=1), t, finite=False) <= 0.0)
+            if not rows.size:
+                return rows
+        known = np.isfinite(states).all(axis=1) & ~self.grid.beyond(states, "fails", "holds", "frees")
+        rows = np.flatnonzero(known) if rows is None else rows[known[rows]]
+        there = points[rows]
+        return rows[(self.value_of(self.target, there, t) <= 0.0) & (self.unsafe_value(there, t) > 0.0)]
+
     def surely_in_no_tube(self, points: FloatArray, step: int, within: int) -> FloatArray:
         """Whether states (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
 

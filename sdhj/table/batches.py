@@ -270,7 +270,8 @@ class Table(ReadOnly):
         -------
         (M,) bool
             False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
-            whatever is interpolated between nodes.
+            whatever is interpolated between nodes. For a certified table True for every state in the target itself and
+            clear of the unsafe sets, whatever its cell is.
 
         Raises
         ------
@@ -296,7 +297,8 @@ class Table(ReadOnly):
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space that is in the tube (start, within), from 0 to 1; see `contains` for the two.
 
-        It is the share of the grid's volume, counted by nodes, or by cells for a certified table.
+        It is the share of the grid's volume, counted by nodes, or by cells for a certified table: states in the target
+        whose cell is not in it as a whole, which `contains`, do not count.
 
         Parameters
         ----------

@@ -162,8 +162,8 @@ class Controller:
         Returns
         -------
         int, or None
-            0 means that q is in the target, for a certified table also where its cell is not as a whole and nothing
-            else is proved of it. Without a target: the number of steps that are left.
+            0 means that q is in the target, for a certified table also where its cell is not as a whole. Without a
+            target: the number of steps that are left.
 
         Raises
         ------
@@ -177,10 +177,7 @@ class Controller:
         >>> controller.steps_to_go([-2.1], 0), controller.steps_to_go([0.5], 0), controller.steps_to_go([3.9], 0)
         (3, 0, None)
         """
-        batch = self._query(q, step)
-        to_go = int(batch.steps_to_go[0])
-        if to_go == NOT_ADMISSIBLE and self.table.proved and self._in_target(batch.states[0], batch.step):
-            return 0  # in a cell that is not in the target as a whole
+        to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
 
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
@@ -255,6 +252,8 @@ class Controller:
         """
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
+            if self.table.proved and not self.problem.has_no_target and batch.steps_to_go[0] == 0:
+                raise NotAdmissible(_message_in_target(batch.states[0], batch.step))
             raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
         held = None
         if before is not None:
@@ -345,8 +344,6 @@ class Controller:
     def _explain(self, states: FloatArray, step: int) -> str:
         """The message of `NotAdmissible`: why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
-        if self.table.proved and self._in_target(states[0], step):
-            return _message_in_target(states[0], step)
         if self.problem.surely_in_no_tube(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "fails", "holds")[0]:
@@ -485,9 +482,6 @@ class Controller:
         At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
         (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
 
-        A certified table leads into the target itself, where a cell need not be inside as a whole. So after an input
-        with one step to go, or where nothing is proved of the cell, the state is looked up in the true target, too.
-
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -513,13 +507,10 @@ class Controller:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
         chosen, to_go = int(self.choose(batch, held)[0]), int(batch.steps_to_go[0])
-        ends = to_go == NOT_ADMISSIBLE or bool(to_go and last and last.steps_to_go == 1)
-        arrived = ends and self.table.proved and self._in_target(state, step)
-        to_go = 0 if arrived else to_go
         if step == steps:
             chosen = problem.sensing.rest
-        elif chosen == NOT_ADMISSIBLE:
-            chosen = self.fallback(state, step).input if fallback or arrived else self.select(state, step)
+        elif chosen == NOT_ADMISSIBLE:  # in the target the task is done, and nobody waits for an input
+            chosen = self.fallback(state, step).input if fallback or to_go == 0 else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
         self.remembered = state, step
         self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
@@ -544,17 +535,6 @@ class Controller:
         late = time - k * problem.delta
         after = last.step if last else -1
         return k, late, abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time) or k != after + 1
-
-    def _in_target(self, state: FloatArray, step: int) -> bool:
-        """Whether a state (ndim,) is in the true target and clear of the true unsafe sets at a step.
-
-        By the level-set functions, whatever the cell of a certified table is. False off the grid, without a target, and
-        with a `Sensing`, where the true state is not known.
-        """
-        problem, t, points = self.problem, self.problem.time(step), self.problem.grid.wrapped(state[None])
-        if problem.has_no_target or problem.sensing or problem.grid.beyond(points, "fails", "holds", "frees")[0]:
-            return False
-        return bool(problem.target_value(points, t)[0] <= 0.0 < problem.unsafe_value(points, t)[0])
 
     # ---- many states
 

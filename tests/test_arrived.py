@@ -1,0 +1,164 @@
+"""Whoever is in the target itself has arrived, by every answer of a certified table, in Python and in C."""
+
+import shutil
+from functools import cache
+
+import numpy as np
+import pytest
+
+import sdhj
+
+POST, RADIUS, PACE = (0.0, 0.0, 0.4), 0.5, 0.2
+INPUTS = [(speed, turn) for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0)]
+
+
+def car(pace=PACE, steps=3):
+    """The README's, whose goal may move along x."""
+
+    def drift(q, u):
+        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], periodic=[False, False, True]),
+        dynamics=sdhj.Dynamics(INPUTS, drift, [[1, 0], [0, 1], [0, 0]], [0.1, 0.1]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6 - pace * t, p[:, 1] - 0.2) - RADIUS),
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - POST[2], name="post")],
+        delta=0.25,
+        steps=steps,
+    )
+
+
+@cache
+def solved(pace=PACE):
+    return sdhj.solve(car(pace), sdhj.Certified(cells=(40, 40, 32)), progress=False, play=False)
+
+
+def states_at(step, pace=PACE, count=3000):
+    """States anywhere, and the judge's word whether they have arrived; none is on the border itself."""
+    q = np.random.default_rng(step).uniform([-2.2, -2.2, -9], [2.2, 2.2, 9], (count, 3))
+    there = np.hypot(q[:, 0] - 0.6 - pace * 0.25 * step, q[:, 1] - 0.2) < RADIUS
+    there &= (np.hypot(q[:, 0], q[:, 1]) > POST[2]) & (np.abs(q[:, :2]) < 2).all(axis=1)
+    return q, there
+
+
+@pytest.mark.parametrize("pace", [0.0, PACE])
+def test_every_answer_says_so(pace):
+    table = solved(pace)
+    controller = sdhj.Controller(table)
+    for step in range(4):
+        states, there = states_at(step, pace)
+        batch, left = controller.batch(states, step), table.steps - step
+        assert ((batch.steps_to_go == 0) == there).all()
+        whole = table.contains(states, start=step, within=0)
+        assert (whole == there).all() and table._fewest(states[there], table.tube_index(step, 0), 0, 0).size >= 0
+        for within in range(1, left + 1):
+            inside = table.contains(states, start=step, within=within)
+            assert inside[there].all() and not (inside & (batch.steps_to_go < 0)).any()
+        for q in states[there][:20]:
+            assert controller.steps_to_go(q, step) == 0 and controller.admissible(q, step=step)
+        assert (table.steps_to_go(states, step)[there] == 0).all()
+        assert table.fraction(start=step, within=0) < there.mean() * (4.4 / 4) ** 2  # of whole cells alone
+
+
+@pytest.mark.parametrize("rule", ["deepest", "effort", lambda among: -among.problem.inputs[among.inputs, 0]])
+def test_inputs_in_the_target_lead_back_into_it_or_there_is_none(rule):
+    """Judge: the car itself, whose wind is held or turned, from the target under what `select` says."""
+    table = solved()
+    controller, rng, tried = sdhj.Controller(table, rule=rule), np.random.default_rng(0), 0
+    for step in range(3):
+        states, there = states_at(step)
+        states = states[there][:150]
+        batch = controller.batch(states, step)
+        chosen = controller.choose(batch)
+        assert (chosen[~batch.safe.any(axis=1)] == -1).all() and batch.safe[chosen >= 0, chosen[chosen >= 0]].all()
+        for q, j in zip(states, chosen.tolist(), strict=True):
+            if j < 0:
+                with pytest.raises(sdhj.NotAdmissible, match="is in the target at step"):
+                    controller.select(q, step)
+                continue
+            assert controller.select(q, step) == j
+            for wind in 0.1 * np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]]) * rng.choice([1, -1], (40, 4, 1)):
+                x = q.copy()
+                for part in range(100):
+                    v = wind[part // 25 % 4]
+                    x = x + 0.0025 * np.array(
+                        [INPUTS[j][0] * np.cos(x[2]) + v[0], INPUTS[j][0] * np.sin(x[2]) + v[1], INPUTS[j][1]]
+                    )
+                assert np.hypot(x[0] - 0.6 - PACE * 0.25 * (step + 1), x[1] - 0.2) < RADIUS + 0.01
+                tried += 1
+                break
+    assert tried
+
+
+def test_a_step_and_the_filter_say_so():
+    controller = sdhj.Controller(solved())
+    states, there = states_at(1)
+    answers = controller.filter(states[there], 1, np.zeros(there.sum(), int))
+    batch = controller.table.batch(states[there], 1, 2)
+    assert (batch.steps_to_go == 0).all() and np.array_equal(answers.promised, batch.safe.any(axis=1))
+    for q in states[there][:30]:
+        controller.step([-1.0, 1.0, 0.0], 0.0)
+        action = controller.step(q, 0.25, fallback=False)
+        assert action.arrived and action.steps_to_go == 0
+    for q in states[~there][:30]:
+        controller.step([-1.0, 1.0, 0.0], 0.0)
+        assert not controller.step(q, 0.25).arrived
+
+
+def test_runs_that_arrive_are_told_so_by_every_answer():
+    """A loop as the README's, by `select`, against the judge's wind: whoever stops has arrived."""
+    table, rng = solved(), np.random.default_rng(3)
+    controller = sdhj.Controller(table)
+    q, _ = states_at(0)
+    arrived = 0
+    for x in q[table.contains(q)][:60]:
+        for step in range(4):
+            there = np.hypot(x[0] - 0.6 - PACE * 0.25 * step, x[1] - 0.2) < RADIUS
+            assert (controller.steps_to_go(x, step) == 0) == there
+            if there:
+                arrived += 1
+                break
+            speed, turn = INPUTS[controller.select(x, step)]
+            wind = rng.choice([-0.1, 0.1], 2)
+            for _ in range(50):
+                x = x + 0.005 * np.array([speed * np.cos(x[2]) + wind[0], speed * np.sin(x[2]) + wind[1], turn])
+        assert there
+    assert arrived == 60
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
+@pytest.mark.parametrize("pace", [0.0, PACE])
+def test_c_says_so(tmp_path, pace):
+    table = solved(pace)
+    c, controller = sdhj.export_c(table, tmp_path, progress=False), sdhj.Controller(table)
+    assert c.selftest() == 0
+    for step in range(3):
+        states, there = states_at(step, pace)
+        status, steps = c.steps_to_go(states, step)
+        assert ((status == 0) & (steps == 0) == there).all()
+        batch = controller.batch(states, step)
+        for what, found in (("select", batch.best >= 0), ("safe_inputs", batch.safe.any(axis=1))):
+            status = c.ask(what, states, step)[0]
+            assert np.array_equal(status == 0, found) and (status[there & ~found] == 1).all()
+        asked = controller.filter(states, step, np.full(len(states), 2))
+        status, inputs = c.filter(states, step, np.full(len(states), 2))
+        assert np.array_equal(status == 0, asked.promised) and (status[there & ~asked.promised] == 1).all()
+        assert np.array_equal(inputs[status == 0], asked.inputs[status == 0])
+    assert (c.steps_to_go(states_at(3, pace)[0], 3)[1] == 0).sum() == states_at(3, pace)[1].sum()
+
+
+def test_what_cannot_be_seen_is_not_claimed(tmp_path):
+    """With errors of measurement nobody knows that the state has arrived."""
+    noisy = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-4.0], [4.0], [81]),
+        sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [0.08]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.95),
+        [],
+        0.5,
+        3,
+        sensing=sdhj.Sensing(error=0.02, memory=False),
+    )
+    table = sdhj.solve(noisy, sdhj.Certified(cells=(80,), parts=1), progress=False, play=False)
+    assert not table.contains([[0.94]], within=0)[0] and table.contains([[0.5]], within=0)[0]
+    sdhj.export_c(table, tmp_path, progress=False)
+    assert "#define SDHJ_ROBOT_ARRIVES 0" in (tmp_path / "sdhj_robot.h").read_text()
