@@ -33,7 +33,7 @@ def solved(pace=PACE):
     return sdhj.solve(car(pace), sdhj.Certified(cells=(40, 40, 32)), progress=False, play=False)
 
 
-def states_at(step, pace=PACE, count=3000):
+def states_at(step, pace=PACE, count=1000):
     """States anywhere, and the judge's word whether they have arrived; none is on the border itself."""
     q = np.random.default_rng(step).uniform([-2.2, -2.2, -9], [2.2, 2.2, 9], (count, 3))
     there = np.hypot(q[:, 0] - 0.6 - pace * 0.25 * step, q[:, 1] - 0.2) < RADIUS
@@ -49,8 +49,7 @@ def test_every_answer_says_so(pace):
         states, there = states_at(step, pace)
         batch, left = controller.batch(states, step), table.steps - step
         assert ((batch.steps_to_go == 0) == there).all()
-        whole = table.contains(states, start=step, within=0)
-        assert (whole == there).all() and table._fewest(states[there], table.tube_index(step, 0), 0, 0).size >= 0
+        assert (table.contains(states, start=step, within=0) == there).all()
         for within in range(1, left + 1):
             inside = table.contains(states, start=step, within=within)
             assert inside[there].all() and not (inside & (batch.steps_to_go < 0)).any()
@@ -132,7 +131,7 @@ def test_c_says_so(tmp_path, pace):
     table = solved(pace)
     c, controller = sdhj.export_c(table, tmp_path, progress=False), sdhj.Controller(table)
     assert c.selftest() == 0
-    for step in range(3):
+    for step in range(3 if pace else 1):  # where nothing depends on time, C ignores steps
         states, there = states_at(step, pace)
         status, steps = c.steps_to_go(states, step)
         assert ((status == 0) & (steps == 0) == there).all()
@@ -144,7 +143,8 @@ def test_c_says_so(tmp_path, pace):
         status, inputs = c.filter(states, step, np.full(len(states), 2))
         assert np.array_equal(status == 0, asked.promised) and (status[there & ~asked.promised] == 1).all()
         assert np.array_equal(inputs[status == 0], asked.inputs[status == 0])
-    assert (c.steps_to_go(states_at(3, pace)[0], 3)[1] == 0).sum() == states_at(3, pace)[1].sum()
+    states, there = states_at(3, pace)
+    assert ((c.steps_to_go(states, 3)[1] == 0) == there).all()
 
 
 def test_what_cannot_be_seen_is_not_claimed(tmp_path):
