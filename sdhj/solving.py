@@ -147,7 +147,7 @@ def solve(
         table = _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), chosen)
         said = _simulated_at_the_end(table) if play else {}
         said |= {"findings": [list(one[:3]) for one in found]} if found else {}
-        return replace(cast(Any, table), details=dict(table.details) | said) if said else table
+        return table.with_details(dict(table.details) | said) if said else table
 
 
 def resolve(

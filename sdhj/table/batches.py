@@ -7,13 +7,14 @@
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from sdhj.formulas.remembering import ReadOnly
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, Sealed
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
 from sdhj.problem.checks import points_array, read_only_view, real_array, states_array, whole
@@ -136,6 +137,12 @@ class Table(ReadOnly):
     def grid(self) -> Grid:
         """The problem's grid."""
         return self.problem.grid
+
+    def with_details(self, details: Mapping[str, Any]) -> Self:
+        """The same table with other details; what look-ups have kept so far is shared with it."""
+        out = copy(self)
+        object.__setattr__(out, "details", Sealed(details))
+        return out
 
     @cached_property
     def steps(self) -> int:

@@ -7,6 +7,7 @@ both questions (`notebooks/site/queries.md` says how), and a rule selects one of
 
 import reprlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any
@@ -19,6 +20,7 @@ from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 from sdhj.table.beside import Fallback, Filtered, commands_of, fallbacks, predicted, squared_distances
 from sdhj.table.rules import RULES, Candidates, Rule
 
+PREPARED = 512  # states, of which one in the tube and one outside are asked about before the first query
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 SHIELDED = 1 / 3  # cells: what an input must keep on a grid that the filter lets pass
 
@@ -89,7 +91,8 @@ class Controller:
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on.
+    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on. Making a
+    controller loads and prepares what its answers need, so that the first one takes no longer than others.
 
     Parameters
     ----------
@@ -146,6 +149,28 @@ class Controller:
         self.all_left = bool(getattr(rule, "all_left", False))
         self.depends_on_time = self.all_left or not self.problem.time_invariant  # whether answers depend on the step
         self._distances: dict[int, FloatArray] = {}  # of an input from all others
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Ask the table what a control loop asks, so that its first answer takes no longer than later ones.
+
+        Compiled code is loaded, and what look-ups read is made. A rule of the user is not asked.
+        """
+        grid, rng, step = self.problem.grid, np.random.default_rng(0), 0
+        with suppress(Exception):  # what is wrong is said by the query that asks for it
+            states = rng.uniform(grid.lower, grid.upper, (PREPARED, grid.ndim))
+            values = self.table.values_at(states[:, None], step, np.full(PREPARED, self.table.steps))[:, 0]
+            some = states[np.argsort(values, kind="stable")[[-1, 0]]]  # one in no tube, if there is one
+            batch = self.table.answers(self.predict(some, step=step), step, 1)
+            if isinstance(self.rule, str):
+                self.choose(batch)
+                self.checked(batch)
+            if self.problem.sensing.remembers:
+                self.table.next_points(some, np.zeros(len(some), np.int64), step, some)
+            for one in some:
+                self.fallback(one, step)
+                self.filter(one, step, 0)
+            self._explain(some[:1], step)
 
     # ---- one state
 
