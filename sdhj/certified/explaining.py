@@ -94,7 +94,7 @@ def scanty_finding(table: Any) -> Finding | None:
         f"{share:.2g} of the state space of {problem.name!r} is certified, {than}: more is not proved at "
         f"{' x '.join(map(str, table.shape))} cells, which does not mean that there is no more"
     )
-    lost = ~table.contains(drawn) & free
+    lost = ~table.in_cells(drawn, 0, table.steps) & free
     if not problem.has_no_target:
         lost &= problem.target_value(drawn, t) > 0
     if not lost.any():

@@ -156,9 +156,13 @@ class CertifiedTable(Table):
         return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states `points` (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, no shell.
+        """Whether states `points` (M, ndim) are in the tube (start, within), (M,) bool: in its cells, or `arrived`."""
+        out = self.in_cells(points, start, within)
+        out[self.arrived(np.atleast_2d(points), start)] = True
+        return out
 
-        Whoever has `arrived` is in every tube.
+    def in_cells(self, points: FloatArray, start: int, within: int) -> FloatArray:
+        """Whether states `points` (M, ndim) are in the closed cells of the tube (start, within), no shell: (M,) bool.
 
         With sensing, a state is in the tube only where every measurement or prediction of it is, all of the box E
         around it.
@@ -167,8 +171,6 @@ class CertifiedTable(Table):
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
             out[out] = self._inside_around(np.atleast_2d(points)[out], start, within)
-            return out
-        out[self.arrived(np.atleast_2d(points), start)] = True
         return out
 
     def _inside_around(self, states: FloatArray, start: int, within: int) -> FloatArray:
