@@ -205,6 +205,8 @@ class Limits:
         step = 0 if table.problem.time_invariant else min(int(step / longer), table.steps)
         ever = self.endless and within >= self.steps
         within = table.steps if ever else min(int(within / longer), table.steps - step)
+        if table.proved:  # what more cells would do is a question of cells
+            return np.asarray(table.in_cells(states, step, within))
         return np.asarray(table.contains(states, start=step, within=within))
 
     def _table(self, name: str, helps: str, made: Callable[[], Any]) -> Any:

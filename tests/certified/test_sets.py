@@ -48,7 +48,7 @@ def test_angles_wrap(small, rng):
 def test_fractions_are_shares_of_volume(small, rng):
     grid = small.problem.grid
     states = rng.uniform(grid.lower, grid.upper, (100_000, 4))
-    share = small.contains(states, start=0, within=2).mean()
+    share = small.in_cells(states, 0, 2).mean()
     assert share == pytest.approx(small.fraction(start=0, within=2), abs=4 * math.sqrt(0.25 / 100_000))
 
 
