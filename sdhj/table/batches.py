@@ -7,7 +7,6 @@
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -140,8 +139,8 @@ class Table(ReadOnly):
 
     def with_details(self, details: Mapping[str, Any]) -> Self:
         """The same table with other details; what look-ups have kept so far is shared with it."""
-        out = copy(self)
-        object.__setattr__(out, "details", Sealed(details))
+        out = object.__new__(type(self))
+        vars(out).update(vars(self) | {"details": Sealed(details)})
         return out
 
     @cached_property
