@@ -22,6 +22,10 @@ from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
 ALARMING = 0.02  # a solve warns where, with 95 % confidence, more than this share of the runs is lost
+# and more than this share of those that begin within a cell of the boundary of a tube that is to be kept: of tables
+# that are right up to a cell a greedy adversary wins at most .16 there
+ALARMING_BESIDE = 0.25
+BESIDE_DRAWN = 20_000  # states among which those beside a boundary are looked for
 FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
 SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated by the two costs below
 NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
@@ -101,17 +105,19 @@ def played(
 
     This is `sdhj.table.batches.Table.played`, which explains arguments and errors, as a function of the table.
     """
-    return _played(Controller(table), runs, adversary, seed, steps)
-
-
-def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
-    """Simulate runs of a controller from states drawn in its tube of step 0, and count those that are lost.
-
-    The arguments but `controller`, and the errors, are those of `sdhj.table.batches.Table.played`. `Played.advice` is
-    "" if no run was lost.
-    """
-    table, play = controller.table, adversary_of(adversary)
+    controller, play = Controller(table), adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
+    return _played(controller, admissible_states(controller, runs, rng), play, rng, steps)
+
+
+def _played(
+    controller: Controller, starts: FloatArray, play: Adversary, rng: np.random.Generator, steps: int | None = None
+) -> Played:
+    """Simulate a run of a controller from each of some states (M, ndim) at step 0, M > 0, and count what is lost.
+
+    `Played.advice` is "" if no run was lost. play, steps : as for `sdhj.table.batches.Table.played`.
+    """
+    table, runs = controller.table, len(starts)
     places: dict[int, str] = {}
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
@@ -125,7 +131,6 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
             places.setdefault(int(moment.runs[row]), _place_of_failure(table, states[row], at, met, j))
 
-    starts = admissible_states(controller, runs, rng)
     outcomes, _ = rollouts(controller, starts, play, rng, watch, steps=play_length(controller, steps))
     lost = np.flatnonzero(outcomes != REACHED)
     message = {COLLIDED: "collided with ", OFF: "went off the grid past the end of "}
@@ -142,7 +147,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
             left_it > 0 and outside.sum() >= FEW_OUTSIDE and not _target_reachable_in_a_step(problem, starts[outside])
         )
         advice = HOPELESS if hopeless else _advice(table, ways, runs)
-    return Played(runs, len(lost), name_of(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
+    return Played(runs, len(lost), name_of(play), dict(ways.most_common()), int(outside.sum()), left_it, advice)
 
 
 def _target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:
@@ -224,6 +229,8 @@ def check_by_runs(table: Table) -> dict[str, Any]:
     mean = max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
+    if table.problem.has_no_target:
+        return {"played": _check_staying_clear(table, runs)}
     runs = MOST_PLAYED if (remedy := _advice_on_gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
@@ -237,6 +244,43 @@ def check_by_runs(table: Table) -> dict[str, Any]:
         tell(found.finding("of what this table promises "))
     counts = {name: getattr(found, name) for name in ("runs", "lost", "outside", "outside_lost")}
     return {"played": counts | {"ways": dict(found.ways)}}
+
+
+def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
+    """Play `runs` runs of all steps against a greedy adversary, for a table without a target, and warn of what is lost.
+
+    Half of them begin within a cell of the tube's boundary, where errors of a grid add up from step to step. Returns
+    the counts of the other half for the table's details, and beside them "boundary" and "boundary_lost".
+    """
+    controller, rng, play = Controller(table), np.random.default_rng(0), ADVERSARIES["greedy"]
+    half = -(-runs // 2)
+    found = _played(controller, admissible_states(controller, half, rng), play, rng)
+    if found.interval[0] > ALARMING:
+        tell(found.finding("of what this table promises "))
+    counts: dict[str, Any] = {"runs": found.runs, "lost": found.lost, "boundary": 0, "boundary_lost": 0}
+    ways = Counter(found.ways)
+    if len(starts := states_beside_boundary(table, half, rng)):
+        beside = _played(controller, starts, play, rng)
+        if beside.interval[0] > ALARMING_BESIDE:
+            tell(beside.finding("of what this table promises within a cell of its boundary "))
+        counts |= {"boundary": beside.runs, "boundary_lost": beside.lost}
+        ways += Counter(beside.ways)
+    return counts | {"ways": dict(ways.most_common())}
+
+
+def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -> FloatArray:
+    """Up to `count` states (M, ndim) of the tube of all steps from which some cell along an axis leads out of it.
+
+    They are what is found among `BESIDE_DRAWN` states of the grid, so that M may be 0.
+    """
+    grid, steps = table.grid, table.steps
+    states = rng.uniform(grid.lower, grid.upper, (BESIDE_DRAWN, grid.ndim))
+    states = states[table.contains(states, start=0, within=steps)]
+    out, within = np.zeros(len(states), np.bool_), np.full(len(states), steps)
+    for cell in np.diag(grid.spacing):
+        for moved in (states - cell, states + cell):
+            out |= (table.values_at(moved[:, None], 0, within)[:, 0] > 0) | grid.beyond(moved, "fails")
+    return states[out][:count]
 
 
 def _cause_of_empty_tube(table: Table, share: float) -> Finding:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import sdhj
+from sdhj.problem.findings import ResolutionWarning
 
 SECONDS = sdhj.Certified(seconds=6)
 
@@ -239,3 +240,22 @@ def test_where_no_method_is_named_for_ever_is_proved(capsys: pytest.CaptureFixtu
     assert table.method == "certified" and table.details["endless"]
     assert "sdhj.Certified(seconds=10) proves what holds for ever; its kernels are compiled" in capsys.readouterr().err
     assert sdhj.solve(replace(problem, steps=5), play=False, progress=False).method == "hji"
+
+
+@pytest.mark.usefixtures("solves_are_played")
+@pytest.mark.parametrize("steps", [20, pytest.param(150, marks=pytest.mark.slow)])
+def test_a_number_of_steps_is_no_way_round(steps: int) -> None:
+    """The camera's grid promises what is lost, whatever its nodes: half of the runs from its boundary are."""
+    said = "within a cell of its boundary .* runs lost to adversary greedy.* certified"
+    with pytest.warns(ResolutionWarning, match=said):
+        table = sdhj.solve(camera(steps=steps)[0], "hji", progress=False)
+    told = table.details["played"]
+    assert told["boundary_lost"] > 0.3 * told["boundary"] > 0
+
+
+@pytest.mark.usefixtures("solves_are_played")
+def test_of_a_grid_that_is_right_up_to_a_cell_nothing_is_said() -> None:
+    """The fence's; warnings are errors here."""
+    table = sdhj.solve(replace(fence()[0], steps=20), "hji", progress=False)
+    told = table.details["played"]
+    assert told["lost"] <= 1 and told["boundary"] == told["runs"] == 100
