@@ -99,7 +99,8 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning. Of a
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning;
+        without a target half of them from within a cell of the tube's boundary, against a greedy adversary. Of a
         certified table whether to warn where it has next
         to nothing, and say why, for about the solve's time more, or a second or two. Whatever this meets (no start, an
         undefined function, Ctrl-C, too little memory) becomes a warning.

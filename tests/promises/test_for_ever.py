@@ -246,7 +246,7 @@ def test_where_no_method_is_named_for_ever_is_proved(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("steps", [20, pytest.param(150, marks=pytest.mark.slow)])
 def test_a_number_of_steps_is_no_way_round(steps: int) -> None:
     """The camera's grid promises what is lost, whatever its nodes: half of the runs from its boundary are."""
-    said = "within a cell of its boundary .* runs lost to adversary greedy.* certified"
+    said = "within a cell of its boundary .* runs lost to adversary greedy .*certified"
     with pytest.warns(ResolutionWarning, match=said):
         table = sdhj.solve(camera(steps=steps)[0], "hji", progress=False)
     told = table.details["played"]
