@@ -180,8 +180,8 @@ def test_functions_are_called_with_what_they_name():
     ("change", "said"),
     [
         ({"inputs": [[np.nan]]}, "inputs has a NaN"),
-        ({"inputs": [1.0]}, r"inputs must have shape \(L, m\) with at least one row, got \(1,\)"),
-        ({"inputs": np.zeros((0, 1))}, r"at least one row, got \(0, 1\)"),
+        ({"inputs": [1.0]}, r"inputs must have shape \(L, m\), .* got \(1,\); of one number each: \[\[1\]\]"),
+        ({"inputs": np.zeros((0, 1))}, r"a row for each input, got \(0, 1\)$"),
         ({"inputs": [["fast"]]}, "inputs must be real numbers"),
         ({"inputs": np.zeros((65_537, 1)), "drift": np.zeros((65_537, 1))}, "65537 inputs; at most 65536"),
         ({"drift": [[np.inf]]}, "drift has a NaN or an infinity"),

@@ -116,7 +116,8 @@ WHERE = "use np.where(condition, one, other), np.maximum and np.minimum, and Num
 MASK = "out[mask] = x[mask] is out = np.where(mask, x, out), and x[mask] alone has no shape that is known"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
 ARRAYS = "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file"
-SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
+AT_ONCE = "a function gets all states at once: points are (M, n), column k is points[:, k]"
+SHAPES = f"{AT_ONCE}; np.full_like(other, number) has the shape of another"
 UNCOMPILED = "let it stand uncompiled"
 SINGLE = (
     "one truth value, as t > 1 is, is a number to Python: ~True is -2, and True + True 2; write t <= 1 in place of "

@@ -18,6 +18,7 @@ from numba.core.compiler_lock import global_compiler_lock
 
 from sdhj.formulas import arrays
 from sdhj.formulas.arrays import (
+    AT_ONCE,
     FUNCTIONS,
     REDUCED,
     TRUTH,
@@ -31,6 +32,7 @@ from sdhj.formulas.arrays import (
 from sdhj.formulas.graph import Node, leaf, leaves
 
 _numbers = itertools.count(1)
+CHANCE = "; noise is a disturbance, whose bounds are given, and no part of a function"
 
 # ---- what is replaced in numpy
 
@@ -332,15 +334,18 @@ def traced(
             if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (count,)):
                 shown = tuple("M" if per_point and not k and n == count else n for k, n in enumerate(answer.shape))
                 wanted = ("M",) * per_point + tuple(shape or ())
-                columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
+                columns = f"; {AT_ONCE}" if per_point else ""
                 shapes = f"shape {wanted}, got {shown}".replace("'M'", "M")
                 raise ValueError(f"{name} must return {shapes}{columns}")
             answer = answer.reshape(count if per_point else 1, -1)
             if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
-                raise NotTraced(f"{name} treats points differently: what it answers for one may depend on no other")
+                raise NotTraced(
+                    f"{name} treats points differently: what it answers for one may depend on no other{CHANCE}"
+                )
             found.append(list(answer[0]))
         if found[0] != found[-1]:
-            raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
+            when = "when it is called again, or with another number of points"
+            raise NotTraced(f"{name} answers differently {when}{CHANCE}")
     except NotTraced as error:
         called = getattr(function, "__name__", "function").replace("<lambda>", "function")
         raise NotTraced(

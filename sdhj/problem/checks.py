@@ -248,6 +248,11 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
         raise ValueError(f"{expected}; this one does not say what it takes: wrap it in a lambda") from None
+    if name in ("drift", "gain") and "v" in signature.parameters:
+        raise ValueError(
+            f"{name} does not take the disturbance v, got {signature}: give velocity=f(q, u, v), with bounds for v, in "
+            "place of drift and gain; or leave v out, and gain= and bounds= say how it moves the state"
+        )
     places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
     if (

@@ -102,7 +102,12 @@ class Dynamics:
         """
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
-            raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
+            few = ", ".join(f"[{value:g}]" for value in inputs.ravel()[:3]) + ", ..." * (inputs.size > 3)
+            helps = f"; of one number each: [{few}]" if inputs.ndim < 2 and inputs.size else ""
+            raise ValueError(f"inputs must have shape (L, m), a row for each input, got {inputs.shape}{helps}")
+        for name in ("drift", "gain"):
+            if callable(given := getattr(self, name)):
+                arguments(name, given)
         if inputs.shape[0] > MOST_INPUTS:
             raise ValueError(f"{len(inputs)} inputs; at most {MOST_INPUTS} are supported, so quantise more coarsely")
         object.__setattr__(self, "inputs", read_only(inputs))

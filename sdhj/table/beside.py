@@ -126,11 +126,12 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")
         return inputs[given], given
     if given.shape != (count, inputs.shape[1]):
-        raise ValueError(
-            f"wanted must be, for each state, the index of an input or a command of {inputs.shape[1]} numbers: an "
-            f"array of int of shape ({count},) or one of shape ({count}, {inputs.shape[1]}), got {given.dtype} of "
-            f"shape {given.shape}"
-        )
+        size = f"a command of {inputs.shape[1]} number{'s' * (inputs.shape[1] != 1)}, such as {inputs[0].tolist()}"
+        wanted, got = f"the index of an input, from 0 to {len(inputs) - 1}, or {size}", given[0].tolist()
+        if count != 1 or len(given) != 1:
+            got = f"{given.dtype} of shape {given.shape}"
+            wanted += f": for {count} states an array of int of shape ({count},) or one of ({count}, {inputs.shape[1]})"
+        raise ValueError(f"wanted must be {wanted}; got {got}")
     return finite_array("wanted", given), None
 
 

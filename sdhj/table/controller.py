@@ -380,6 +380,12 @@ class Controller:
         else:
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
+        state = np.array2string(states[0], precision=4, separator=", ")
+        if step == self.problem.steps:
+            return (
+                f"state {state} is not admissible at step {step}, the last sampling time: the run is over then, so "
+                f"there is no input to choose, and {where}; ask at a step from 0 to {step - 1}"
+            )
         steps = f"{within} step{'s' * (within != 1)}"
         promise = f"stay clear for {steps}" if self.problem.has_no_target else f"reach the target within {steps}"
         finer = "cells" if self.table.proved else "nodes"
@@ -387,7 +393,7 @@ class Controller:
         if self.problem.has_no_target and details.get("endless"):
             promise, more = "stay clear for ever", finer
         return (
-            f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
+            f"state {state} is not admissible at step {step}: it is "
             f"outside the tube of the states that {promise} ({where}); choose a state "
             f"where table.contains(q, start={step}, within={within}) is true, or solve with more {more}"
         )

@@ -57,6 +57,12 @@ def turned():
     return unicycle_problem()
 
 
+def moving(drift, **options):
+    """The robot in the plane with another drift."""
+    robot = turned()
+    return replace(robot, dynamics=Dynamics(robot.inputs, drift, **options))
+
+
 def square(p, t):
     return np.abs(p[:, 0]) - 1.0
 
@@ -73,6 +79,7 @@ def timed(p, t):
     return np.abs(p[:, 0] - 0.1 * t) - 1.0
 
 
+NOISE = np.random.default_rng(0)
 BLACK = sdhj.BlackBox(lambda p, t: np.array([max(one, -one) for one in p[:, 0].tolist()]) - 1.0)
 CASES = {
     "swallowed": (
@@ -133,6 +140,48 @@ CASES = {
         r"the answer depends on time: give the step, for example select\(q, step=0\)",
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
+    ),
+    "inputs in one row": (
+        r"got \(4,\); of one number each: \[\[-1\], \[0\], \[1\], \.\.\.\]$",
+        lambda to: Dynamics([-1, 0, 1, 2], [[1.0]] * 4),
+        lambda to: Dynamics([[-1], [0], [1], [2]], [[1.0]] * 4),
+    ),
+    "a drift of v: as a velocity": (
+        r"drift does not take the disturbance v, got \(q, u, v\): give velocity=f\(q, u, v\), with bounds for v",
+        lambda to: Dynamics(MOVES, drift=lambda q, u, v: q + u + v, bounds=[0.1]),
+        lambda to: Dynamics(MOVES, velocity=lambda q, u, v: q + u + v, bounds=[0.1]),
+    ),
+    "a drift of v: by a gain": (
+        "or leave v out, and gain= and bounds= say how it moves the state",
+        lambda to: Dynamics(MOVES, drift=lambda q, u, v: q + u + v),
+        lambda to: Dynamics(MOVES, drift=lambda q, u: q + u, gain=[[1.0]], bounds=[0.1]),
+    ),
+    "one state at a time": (
+        r"a function gets all states at once: points are \(M, n\), column k is points\[:, k\]",
+        lambda to: moving(lambda q, u: np.array([np.cos(q[2]), np.sin(q[2]), u[0]])),
+        lambda to: moving(
+            lambda q, u: np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full_like(q[:, 2], u[0])], axis=1)
+        ),
+    ),
+    "noise in a drift": (
+        "treats points differently.*; noise is a disturbance, whose bounds are given, and no part of a function",
+        lambda to: moving(lambda q, u: 0.0 * q + 0.1 * np.random.default_rng(0).normal(size=(len(q), 3))),
+        lambda to: moving(lambda q, u: 0.0 * q, gain=np.eye(3), bounds=[0.1] * 3),
+    ),
+    "noise in a drift, the same for all": (
+        "answers differently when it is called again.*; noise is a disturbance, whose bounds are given",
+        lambda to: moving(lambda q, u: 0.0 * q + NOISE.normal()),
+        lambda to: moving(lambda q, u: 0.0 * q, gain=np.ones((3, 1)), bounds=[0.1]),
+    ),
+    "no input after the last step": (
+        "at step 5, the last sampling time: the run is over then, .* unsafe set; ask at a step from 0 to 4$",
+        lambda to: Controller(table()).select([3.0], table().steps),
+        lambda to: Controller(table()).select([1.2], table().steps - 1),
+    ),
+    "a command of another size": (
+        r"wanted must be the index of an input, from 0 to \d, or a command of 1 number, such as .*; got \[1.0, 0.0\]",
+        lambda to: Controller(table()).filter([1.5], 0, wanted=[1.0, 0.0]),
+        lambda to: Controller(table()).filter([1.5], 0, wanted=[1.0]),
     ),
     "a rule that answers NaN": (
         "met a NaN, .*; look at the functions it calls",
