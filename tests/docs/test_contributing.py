@@ -89,6 +89,7 @@ def test_the_rule_goes_as_far_to_the_right_as_is_safe(names: dict[str, Any]) -> 
     assert controller.select(states[rows[0]], 0) == chosen[rows[0]]
 
 
+@pytest.mark.slow
 def test_the_steady_rule_changes_the_input_less(names: dict[str, Any]) -> None:
     """In simulated runs, in single queries, and in a control loop: each hands it the input before."""
     problem, table = names["problem"], names["table"]
