@@ -5,6 +5,7 @@ Words say what is proved of a whole cell; that a state is in the target itself o
 
 from collections.abc import Iterator, Sequence
 from math import isfinite, isnan
+from typing import Any
 
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import Node, ordered
@@ -55,7 +56,10 @@ def arrived_in_c(problem: ReachAvoidProblem) -> list[str]:
     None where nobody arrives so, without a target and with a `Sensing`; and where formulas cannot be written out: black
     boxes, tables that are looked up, and more than `MOST_NODES` operations.
     """
-    sets = [(problem.target, "<="), *((one, ">") for one in problem.unsafe if one.inputs is None)]
+    sets: list[tuple[Any, str]] = [
+        (problem.target, "<="),
+        *((one, ">") for one in problem.unsafe if one.inputs is None),
+    ]
     formulas = [one.level_set for one, _ in sets]
     if problem.has_no_target or problem.sensing or not all(isinstance(one, Formula) for one in formulas):
         return []

@@ -126,6 +126,10 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     return spread
 
 
+class GrowsTooFast(ValueError):
+    """No box is found that states stay in for a part of an interval; for shorter parts there may be one."""
+
+
 @dataclass(frozen=True)
 class Proof(ReadOnly):
     """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
@@ -557,14 +561,14 @@ class Images(Proof):
             if unknown.any():
                 row, axis = np.argwhere(unknown)[0]
                 first, last = (np.array2string(end[row], precision=4, separator=", ") for end in boxes)
-                return ValueError(
+                return (ValueError if boxes is ends else GrowsTooFast)(
                     f"the velocity along {names[axis]} under {u} may be undefined or unbounded between {first} and "
                     f"{last}, where the states of a cell may come within an interval, and then nothing can be proved; "
                     "bound what it is divided by, for example np.maximum(distance, 0.01)"
                 )
         widest = int(np.argmax((enclosure[1] - enclosure[0]).max(axis=1)))
         first, last = (np.array2string(end[widest], precision=4, separator=", ") for end in enclosure)
-        return ValueError(
+        return GrowsTooFast(
             f"the velocity under {u} grows too fast between {first} and {last}: within {times[1] - times[0]:.3g} s the "
             "states of a cell there may be anywhere, and nothing can be proved; limit it, for example by np.minimum"
         )

@@ -132,6 +132,7 @@ from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
 from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.images import GrowsTooFast
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
 from sdhj.problem.checks import Options, number, whole
@@ -141,6 +142,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
+FINER = 32  # times as many parts of an interval are tried where a velocity grows too fast
 RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
 OPERATIONS = 3e8  # of `sdhj.problem.cost` that take as long as a second of the model of cells, on one core
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
@@ -160,7 +162,8 @@ class Certified(Options):
         Where cells are chosen: about what a solve may take on two cores. The model is no clock: a problem has the same
         cells on every machine. They are in the table's details.
     parts : int
-        The number of parts into which a sampling interval is cut to bound the tube, for the fastest input.
+        The number of parts into which a sampling interval is cut to bound the tube, for the fastest input. Where a
+        velocity grows too fast for so few, twice as many are tried, up to 32 times as many; the details tell how many.
 
     Raises
     ------
@@ -212,9 +215,17 @@ class Certified(Options):
         proof, a function of the problem has no bound, or an interval leads too many cells on; MemoryError where the
         solve does not fit into memory.
         """
-        proof = self.proof(problem)
-        begin(partial(cost_in_cells, proof), problem.steps is None)
-        return CellSets(proof, progress)
+        parts, most = self.parts, min(FINER * self.parts, MOST_PIECES)
+        while True:
+            try:
+                proof = replace(self, parts=parts).proof(problem)
+                begin(partial(cost_in_cells, proof), problem.steps is None)
+                return CellSets(proof, progress)
+            except GrowsTooFast as error:
+                if parts == most:
+                    more = f"use a shorter delta, or more parts than the {parts} that were tried last: "
+                    raise ValueError(f"{error}, {more}Certified(parts=...)") from None
+                parts = min(2 * parts, most)
 
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
         """Estimate the memory and the time of a solve.

@@ -37,8 +37,8 @@ def play_interval(
 
     Returns the states at the end (M, ndim), outcomes (M,) int and the last disturbances (M, D). An outcome is
     `COLLIDED`, `OFF`, without a target `REACHED` past a safe end, or `UNDECIDED`; where several apply, the first of
-    these. Runs that are decided are still simulated, and their states change, until all are decided or the substeps are
-    over.
+    these. A run stops where it has left the grid, as its velocities are not known there; others that are decided are
+    still simulated, and their states change, until all are decided or the substeps are over.
 
     Collisions are looked for after each substep, of sets that something may pass through in a substep also on the way
     (`_least_between`); at the start of an interval only of sets that are unsafe under some inputs alone.
@@ -65,7 +65,9 @@ def play_interval(
         seen: Any = {"states": read_only_view(states), "previous": read_only_view(v)}
         moment = replace(first, substep=substep, time=now, remaining=left, **seen)
         v = _checked(play(moment), moment.bounds)
-        before, states = place.clipped(states, "frees"), first.interval.advance(states, inputs, v, now, first.duration)
+        moved = first.interval.advance(states, inputs, v, now, first.duration)
+        gone_off = place.beyond(states, "fails", "frees")
+        before, states = place.clipped(states, "frees"), np.where(gone_off[:, None], states, moved)
         met = place.clipped(states, "frees")  # nothing beyond a safe end is unsafe
         clearance = np.minimum(problem.unsafe_value(met, now + first.duration, inputs), lowest)
         lowest = np.full(len(states), np.inf)
