@@ -659,7 +659,7 @@ FORGERIES: dict[str, Forgery] = {
         "remembered", MOVES, both(nothing_in_sets, shifts("low", 1, j=2), shifts("high", -1, j=2))
     ),
     "a middle that is elsewhere": Forgery(
-        "calming", MOVES, both(shifts("low", 1, place=20), shifts("high", 1, place=20))
+        "calming", MOVES, both(shifts("low", 1, place=60), shifts("high", 1, place=60))
     ),
     "a speed that grows": Forgery("cart", MOVES, shifts("high", -1, j=2, place=11)),
     "states near a cell": Forgery("sliding", MOVES, edit("high", lambda moves: moves[0, 0, 0, :1].fill(1))),

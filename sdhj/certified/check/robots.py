@@ -55,9 +55,7 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds  # check 3.27
 ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
-# pieces of a part, and whether ends move as in their face, until what is said is proved
-FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))
-MOST_LEFT = 0.75  # of boxes, by a fineness that is tried again for other inputs and intervals
+FINENESS = 1, 8  # pieces of a part, at first and where that leaves something open
 WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
@@ -422,7 +420,7 @@ class Robot(Sets):
         whole = np.array([self.grid.lower, self.grid.upper])[:, None]
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
-    def driven(self, places: Array, j: Any, start: float, finer: int, closer: bool) -> tuple[Array, Array]:
+    def driven(self, places: Array, j: Any, start: float, pieces: int) -> tuple[Array, Array]:
         """How far the ends of the boxes at places (M,) move in the interval from `start`, s: (swept, last).
 
         Displacements of the lower and the upper ends, rounded outward: with them added a box holds all that can be
@@ -430,15 +428,14 @@ class Robot(Sets):
 
         swept (M, parts, 2, ndim) : the farthest in each part of the interval.
         last (2, M, ndim) : at the interval's end, whenever that is, to what is then predicted or carried on.
-        j (M,) : for each place the index of the input that acts. finer : into how many pieces each part is cut.
-        closer : whether an end moves as the velocity can be in the face on its side, not in the whole box (`piece`).
+        j (M,) : for each place the index of the input that acts. pieces : into how many each part is cut.
         """
         grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
         swept = np.moveaxis(np.empty((self.parts, 2, grid.ndim, len(places))), 3, 0)
-        marks = np.arange(self.parts * finer + 1)
-        cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
+        marks = np.arange(self.parts * pieces + 1)
+        cuts, soonest = self.length * marks / (self.parts * pieces), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
             """Displacements (2, M, ndim) of the boxes' ends, stopped where a wall is reached, rounded outward."""
@@ -453,7 +450,7 @@ class Robot(Sets):
         rate = faster = np.zeros_like(moved)  # of the piece before, outward, and by how much more than in that before
         for part in range(self.parts):
             a, b = moved
-            own = cuts[part * finer : (part + 1) * finer + 1]
+            own = cuts[part * pieces : (part + 1) * pieces + 1]
             soon = [self.length * AT_FIRST] if part == 0 and any(map(any, self.layers)) else []  # check 1.11
             for begin, end in pairwise(np.unique([*own, *soon, np.clip(soonest, own[0], own[-1])]).tolist()):
                 if begin <= soonest:  # check 3.17
@@ -461,7 +458,7 @@ class Robot(Sets):
                 far = OUTWARD * (end - begin) * np.maximum(rate + np.maximum(faster, 0.0), 0.0)
                 before = moved
                 # check 3.19
-                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end), far, closer))
+                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end), far))
                 now = OUTWARD * (moved - before) / (end - begin)
                 rate, faster = now, now - rate
                 a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])  # check 4.28
@@ -503,13 +500,13 @@ class Robot(Sets):
         at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
         return at_wall & self.known & self.sensing.memory
 
-    def piece(self, box: Array, moved: Array, j: Array, times: Times, far: Array, closer: bool) -> Array:
+    def piece(self, box: Array, moved: Array, j: Array, times: Times, far: Array) -> Array:
         """How far the ends of boxes have moved after one more piece of the interval: displacements (2, M, ndim).
 
         They are negative downwards. A box is looked for that the state does not leave during the piece (`Unbounded`
-        where none is found); then an end moves with the extreme velocity in that box. With `closer`, along axes whose
-        velocity depends on their own coordinate, with that in the face of the box on the end's side. Along axes of no
-        place boxes stay where they are in this search, and what is returned holds for them anywhere.
+        where none is found); then an end moves with the extreme velocity in that box, along axes whose velocity depends
+        on their own coordinate with that in the face of the box on the end's side. Along axes of no place boxes stay
+        where they are in this search, and what is returned holds for them anywhere.
 
         box (2, M, ndim) : the ends when the piece begins. moved (2, M, ndim) : their displacements until then, to which
             those of the piece are added. j (M,) : inputs. times : of the piece, (from, to), s.
@@ -530,21 +527,20 @@ class Robot(Sets):
             left = np.arange(len(j))[left][~stays]
         else:
             raise Unbounded("no box was found that the state stays in for a part of the interval")
-        if closer:  # check 3.89
-            # check 1.12
-            more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
-            enclosure = box + self.known * (far + more)  # all that is reached within the piece  # check 3.23
-            faces = list(product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)))
-            every = [enclosure.copy(order="K") for _ in faces]
-            for face, (axis, side) in zip(every, faces, strict=True):
-                face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
-            # for ends that are in no face
-            every += [enclosure] * (len(faces) < out[:, 0].size)  # check 3.94
-            found = np.stack(self.velocity(np.tile(j, len(every)), np.concatenate(every, axis=1), times))  # check 3.21
-            each = np.split(found, len(every), axis=1)
-            out = each[-1].copy(order="K")
-            for own, (axis, side) in zip(each, faces, strict=False):
-                out[side, :, axis] = own[side, :, axis]  # check 3.25
+        # check 1.12
+        more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
+        enclosure = box + self.known * (far + more)  # all that is reached within the piece  # check 3.23
+        faces = list(product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)))
+        every = [enclosure.copy(order="K") for _ in faces]
+        for face, (axis, side) in zip(every, faces, strict=True):
+            face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
+        # for ends that are in no face
+        every += [enclosure] * (len(faces) < out[:, 0].size)  # check 3.94
+        found = np.stack(self.velocity(np.tile(j, len(every)), np.concatenate(every, axis=1), times))  # check 3.21
+        each = np.split(found, len(every), axis=1)
+        out = each[-1].copy(order="K")
+        for own, (axis, side) in zip(each, faces, strict=False):
+            out[side, :, axis] = own[side, :, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
@@ -1005,8 +1001,8 @@ class Robot(Sets):
         """Yield claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
 
         And where the file says of any, the inputs that lead into the target itself from the sites of these cells. What
-        is not proved yet is bounded finer and finer (`FINER`). A fineness that proves little is passed over from then
-        on, but for the finest. numbers : ascending, each once. silent : show no progress bar.
+        is not proved yet is bounded once more, finer (`FINENESS`). numbers : ascending, each once. silent : show no
+        progress bar.
         """
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
@@ -1017,7 +1013,6 @@ class Robot(Sets):
         sites, made, checked, arrivals = self.sites_of(numbers), 0, 0, 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
         looks = max(len(self.clear), len(self.arrives)) if starts == 1 else 1
-        levels = [one for one in FINER if one != (1, True) or (self.known & self.moves.reads_itself).any()]
         at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             if at_once is not None and group[0] == 0:
@@ -1037,8 +1032,8 @@ class Robot(Sets):
                 own = flags if numbers.size == flags.size else flags[numbers]
                 made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
                 open_[j][step] = np.flatnonzero(own)
-            asked = [self.narrow(start, finer, moving, open_, arriving, numbers, at) for finer in levels]
-            levels = [one for one, a, b in zip(levels, asked, [*asked[1:], 0], strict=True) if b <= MOST_LEFT * a]
+            for pieces in FINENESS:
+                self.narrow(start, pieces, moving, open_, arriving, numbers, at)
             for j in group:
                 wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving[j])
                 some = open_[j].items()
@@ -1055,19 +1050,17 @@ class Robot(Sets):
     def narrow(
         self,
         start: int,
-        finer: tuple[int, bool],
+        pieces: int,
         moving: dict[int, Array],
         open_: dict[int, dict[int, Array]],
         arriving: dict[int, Array],
         numbers: Array,
         at: Array,
-    ) -> int:
+    ) -> None:
         """Take out of `moving`, `open_` and `arriving`, in place, what is proved with bounds so fine of `driven`.
 
-        Returns how many boxes were bounded.
-
-        start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`; `Unbounded`
-            for the finest, `FINER[-1]`, where no bounds are found, and with others nothing is taken out there.
+        start : the index of the interval in `low` and `high`. pieces : of a part; `Unbounded` for the finest,
+            `FINENESS[-1]`, where no bounds are found, and with others nothing is taken out there.
         moving : for each input the places whose moves are not proved yet.
         open_ : for each input and step the cells from which it is not proved clear yet, as indices into numbers and at.
         arriving : for each step the pairs of `said_to_arrive` for which that is not proved yet.
@@ -1082,7 +1075,7 @@ class Robot(Sets):
         for each in begun.values():
             needed.ravel()[each] = True
         which, places = np.nonzero(needed)
-        swept, last, held = self.bounded(start, finer, np.array([*moving])[which], places)
+        swept, last, held = self.bounded(start, pieces, np.array([*moving])[which], places)
         for step, pairs in arriving.items():
             own = np.searchsorted(which * size + places, begun[step])  # check 5.24
             hold = partial(self.arrivals_hold, step, pairs, last, own)
@@ -1099,26 +1092,25 @@ class Robot(Sets):
                 rows.setdefault(step, []).append(begin + row[at[some]])
         for step, of_inputs in rows.items():
             self.take_out_clear(step, open_, numbers, swept, of_inputs)
-        return len(places)
 
-    def bounded(self, start: int, finer: tuple[int, bool], j: Array, places: Array) -> tuple[Array, Array, Array]:
+    def bounded(self, start: int, pieces: int, j: Array, places: Array) -> tuple[Array, Array, Array]:
         """How far ends of the boxes at places (P,) move under u_j, and whether the file's moves hold.
 
         (swept, last, held). swept (P, parts, 2, ndim), last (2, P, ndim) : what `driven` returns, infinite where no
-            bounds are found; then held (P,), bool, is False. With the finest bounds, `FINER[-1]`, that is `Unbounded`.
-        start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`.
+            bounds are found; then held (P,), bool, is False. With the finest, `FINENESS[-1]`, that is `Unbounded`.
+        start : the index of the interval in `low` and `high`. pieces : of a part.
         j (P,) : inputs.
         """
         count = len(places)
         swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
         last, held = np.moveaxis(np.empty((2, self.grid.ndim, count)), 1, 2), np.empty(count, np.bool_)
-        together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()) * finer[1])  # and their faces
+        together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()))  # and their faces
         for begin in range(0, count, together):
             own = slice(begin, begin + together)
             try:
-                swept[own], last[:, own] = self.driven(places[own], j[own], self.time(start), *finer)  # check 3.20
+                swept[own], last[:, own] = self.driven(places[own], j[own], self.time(start), pieces)  # check 3.20
             except Unbounded:
-                if finer == FINER[-1]:
+                if pieces == FINENESS[-1]:
                     raise
                 swept[own], last[:, own], held[own] = np.array([-np.inf, np.inf])[:, None], np.inf, False
                 continue

@@ -197,7 +197,7 @@ class AtOnce:
         of, at = np.arange(self.robot.count).repeat(self.places), np.tile(np.arange(self.places), self.robot.count)
         self.tubes, self.met = np.empty(0), {}
         with suppress(ValueError):  # which is said of a tube that is unbounded in any pieces
-            self.tubes = self.robot.driven(at, of, self.robot.time(start), PIECES, True)[0]
+            self.tubes = self.robot.driven(at, of, self.robot.time(start), PIECES)[0]
 
     def open_cells(self, flags: Array, step: int, j: int) -> Array:
         """The numbers of the cells, of those with flags, from which it is open whether u_j is clear in a step: (m,).

@@ -163,7 +163,7 @@ def test_what_is_clear_at_once_is_clear_by_halves(name, robots, monkeypatch):
     places, total = robot.cells(numbers) @ robot.strides, 0
     for step, j in itertools.product(range(len(robot.clear)), range(robot.count)):
         open_ = np.isin(numbers, robot.at_once.open_cells(every, step, j))
-        swept, _ = robot.driven(np.arange(robot.low.shape[2]), np.full(robot.low.shape[2], j), robot.time(0), 2, True)
+        swept, _ = robot.driven(np.arange(robot.low.shape[2]), np.full(robot.low.shape[2], j), robot.time(0), 2)
         clear = robot.clear_holds(robot.ends(robot.cells(numbers)), step, j, swept, places)
         assert not (~open_ & ~clear).any()
         few, total = few + int((open_ & clear).sum()), total + int(clear.sum())
@@ -181,7 +181,7 @@ def test_a_tube_that_leads_exactly_to_an_end_is_clear(tmp_path, monkeypatch):
     for j, clear in enumerate([np.arange(14), np.arange(2, 16)]):
         assert numbers_of(flags_of(robot.clear[0], j, (16,)), 16).tolist() == clear.tolist()
         assert not robot.at_once.open_cells(flags_of(robot.clear[0], j, (16,)), 0, j).size
-        swept, every = robot.driven(np.zeros(1, int), np.array([j]), 0.0, 1, False)[0], np.arange(16)
+        swept, every = robot.driven(np.zeros(1, int), np.array([j]), 0.0, 1)[0], np.arange(16)
         left = robot.clear_by_lattice(j, {0: every}, every, np.zeros(1, int), swept, 0 * every)[0]
         halved = robot.clear_holds(robot.ends(robot.cells(every)), 0, j, swept, 0 * every)
         assert np.setdiff1d(every, left).tolist() == np.flatnonzero(halved).tolist() == clear.tolist()
