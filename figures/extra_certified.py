@@ -14,12 +14,13 @@ from matplotlib.patches import Patch
 
 import sdhj
 from sdhj import plotting
-from sdhj.certified.labels import LABELS, labels
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, State
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
 MAIN_JOB = False
+LABELS = ("certified", "not certified", "outside")
 LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
 CELLS = ((42, 42, 12, 12), (84, 84, 36, 36), (210, 210, 36, 36), (210, 210, 72, 72), (419, 419, 72, 72))
 
@@ -73,10 +74,19 @@ def draw(context: Context) -> Figure:
     return figure
 
 
+def labels(table: Table, certified: Table, states: FloatArray) -> FloatArray:
+    """The index in LABELS of each of the states (M, ndim), (M,) int: proved, in the table's tube alone, or in neither.
+
+    table, certified : an interpolated and the certified table of one game.
+    """
+    claimed = table.contains(states, within=table.steps)
+    return np.where(certified.contains(states, within=table.steps), 0, np.where(claimed, 1, 2))
+
+
 def draw_labels(ax: Axes, table: Table, certified: Table, *, through: State, resolution: int = 121) -> None:
     """Colour a slice by `LABELS`, which part of the table's tube is certified, and outline the table's tube."""
     where = plotting.plane(table.grid, through, resolution=resolution)
-    found = where.shaped(labels(table, certified, where.points, within=table.steps))
+    found = where.shaped(labels(table, certified, where.points))
     colours, norm = ListedColormap(LABEL_COLOURS), BoundaryNorm(np.arange(-0.5, len(LABELS)), len(LABELS))
     image = ax.pcolormesh(where.x, where.y, found, cmap=colours, norm=norm, shading="nearest", rasterized=True)
     image.set_gid("labels")

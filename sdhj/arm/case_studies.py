@@ -9,18 +9,21 @@ import inspect
 import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still
+from sdhj.formulas.formula import Formula
+from sdhj.formulas.text import alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import number, whole
 from sdhj.problem.dynamics import MOST_INPUTS, Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.restoring import near
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 AXES = ("q1", "q2", "px", "py")
@@ -257,6 +260,28 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
     """
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
+
+
+def as_built(problem: ReachAvoidProblem) -> bool:
+    """Whether a problem is what its recipe builds, up to rounding and whatever its sensing; False without a recipe.
+
+    A problem to which a set was added may still have the recipe, which then builds another problem.
+    """
+    if not problem.recipe:
+        return False
+    built = replace(rebuild(problem.recipe), sensing=problem.sensing)
+    return built.digest == problem.digest or _alike(built, problem)
+
+
+def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem) -> bool:
+    """Whether two problems are equal, up to the rounding of two machines; False where a function is a black box."""
+    ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs"))
+    same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
+    same = same and len({repr(each.numbers | each.numbers["grid"] | drop) for each in (one, other)}) == 1
+    if not same or other.opaque or not near(one.inputs, other.inputs):
+        return False
+    pairs = [(cast(Formula, ours[name]), cast(Formula, theirs[name])) for name in ours]
+    return all(alike(a.outputs, b.outputs) for a, b in pairs)
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:

@@ -128,12 +128,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
 from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import GrowsTooFast
-from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
 from sdhj.problem.checks import Options, number, whole
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied

@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
 from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.labels import as_built
 from sdhj.certified.limits import Limits
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.formulas.formula import BlackBox

@@ -13,7 +13,6 @@ from toys import interval_problem
 import sdhj
 from sdhj.certified import Certified, CertifiedTable
 from sdhj.certified import sets as sets_module
-from sdhj.certified.labels import LABELS, labels
 
 
 @pytest.fixture(scope="module")
@@ -127,39 +126,6 @@ def test_solve_makes_certified_tables(monkeypatch):
     monkeypatch.setattr(sets_module, "ARM_CELLS", (105, 105, 36, 36))
     problem = sdhj.arm_case_study(nodes=9, steps=1)
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
-
-
-@pytest.mark.slow
-def test_labels_part_the_states_of_a_tube(table):
-    grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
-    points = grid_table.grid.points()
-    found = labels(grid_table, table, points, within=3)
-    proved, claimed = (t.contains(points, start=0, within=3) for t in (table, grid_table))
-    assert np.array_equal(found == LABELS.index("certified"), proved)
-    assert np.array_equal(found == LABELS.index("not certified"), claimed & ~proved)
-    assert np.array_equal(found == LABELS.index("outside"), ~claimed & ~proved)
-    with pytest.raises(ValueError, match="different games"):
-        labels(sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), progress=False), table, points, within=2)
-    fewer = dataclasses.replace(grid_table.problem, unsafe=grid_table.problem.unsafe[:1])  # the recipe is still there
-    with pytest.raises(ValueError, match="different games"):
-        labels(sdhj.solve(fewer, progress=False), table, points, within=3)
-
-
-@pytest.mark.slow
-def test_labels_refuse_other_problems_of_ones_own():
-    """Their functions tell them apart; the nodes may differ."""
-
-    problem = interval_problem(steps=2)
-    proved, other = (
-        sdhj.solve(each, Certified(cells=[40]), progress=False)
-        for each in (problem, interval_problem(steps=2, wall=2.0))
-    )
-    finer = dataclasses.replace(problem, grid=dataclasses.replace(problem.grid, shape=(2 * problem.grid.shape[0],)))
-    claimed = sdhj.solve(finer, progress=False)
-    points = claimed.grid.points()
-    assert (labels(claimed, proved, points, within=2) == LABELS.index("certified")).mean() > 0.3
-    with pytest.raises(ValueError, match="different games"):
-        labels(claimed, other, points, within=2)
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ import sdhj
 from sdhj.certified.cells import CellAxis, axis_in_file
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.labels import LABELS, labels
 from sdhj.certified.table import CellSets
 from sdhj.solver.recursion import recursion
 
@@ -158,13 +157,6 @@ def test_images_beside_layers_as_intervals_say():
         assert edges[first] <= begin + 1e-12 and edges[last + 1] >= end - 1e-12 and first <= last
         assert (first == 0) == (end <= -1) and (last == axis.count - 1) == (begin >= 2)
         assert not (last - first) or (edges[first + 1] > begin and edges[last] < end)  # nor a cell more
-
-
-def test_labels_of_a_table_on_a_grid():
-    table = sdhj.solve(blocked(2), progress=False, play=False)
-    standing = sdhj.solve(blocked(2), sdhj.Certified(cells=(100, 30)), progress=False, play=False)
-    q = np.stack([np.linspace(1.0, 49.0, 49), np.zeros(49)], axis=1)
-    assert {LABELS[i] for i in labels(table, standing, q, within=2)} == {"certified"}
 
 
 ERROR = np.array([0.05, 0.05])  # m, m/s

@@ -22,7 +22,6 @@ from toys import interval_problem, unicycle_problem
 import sdhj
 from sdhj import Certified, Controller, Dynamics, TargetSet, UnsafeSet
 from sdhj.certified.check import verify
-from sdhj.certified.labels import labels
 from sdhj.cli import main
 from sdhj.table.relay import Relay
 
@@ -493,11 +492,6 @@ CASES = {
         "need a problem without a target",
         lambda to: line(ends="safe"),
         lambda to: replace(line(), target=None, grid=sdhj.Grid([-4.0], [4.0], [81], ends="safe")),
-    ),
-    "another game": (
-        "certify the problem that the table was solved for",
-        lambda to: labels(table(), table("certified", wall=2.0), np.array([[0.5]]), within=1),
-        lambda to: labels(table(), table("certified"), np.array([[0.5]]), within=1),
     ),
     "no certified sets": (
         "holds no certified sets; make them with method='certified'",
