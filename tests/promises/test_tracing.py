@@ -530,7 +530,7 @@ REFUSE = {
     "nearest": (lambda p, t: p[:, 0] * p.argmin(axis=1), "attribute 'argmin' of an array; np.min and"),
     "vectorize": (lambda p, t: np.vectorize(lambda x: x + 1)(p[:, 0]), "conversion"),
     "along an axis": (lambda p, t: np.apply_along_axis(np.sum, 1, p), "apply_along_axis"),
-    "stack of different shapes": (lambda p, t: np.stack([p[:, 0], 0.0], axis=1)[:, 0], "the same shape; a function gets all states.*np.full_like"),
+    "stack of different shapes": (lambda p, t: np.stack([p[:, 0], 0.0], axis=1)[:, 0], "shape; a .*; np.full_like"),
     "list of different shapes": (lambda p, t: np.array([p[:, 0], 0.0]), "different shapes"),
     "interp of what is traced": (lambda p, t: np.interp(0.5, p[0], [1.0, 2.0]) + p[:, 0], "numpy.interp"),
     "interp with left": (lambda p, t: np.interp(p[:, 0], [0, 1], [1, 2], left=0.0), "numpy.interp with left"),
