@@ -115,7 +115,10 @@ def plainly(function: Callable[..., None]) -> Callable[..., None]:
             click.echo("\ninterrupted; no unfinished file is left, and existing files are unchanged", err=True)
             sys.exit(128 + signal.SIGINT)
         except (ValueError, OSError, MemoryError, ImportError) as error:
-            raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
+            said = str(error)
+            if isinstance(error, OSError) and error.filename is not None and error.strerror:  # not "[Errno 17] ..."
+                said = f"{os.fsdecode(error.filename)}: {error.strerror}"
+            raise Refusal(" ".join(said.split()) or type(error).__name__) from error
 
     return wrapped
 
@@ -123,13 +126,15 @@ def plainly(function: Callable[..., None]) -> Callable[..., None]:
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
     """The numbers in a text, separated by commas, in their order: at least one, each made by `kind`.
 
-    option : the name of the option for the message, without dashes. ValueError if the text has anything else.
+    option : the name of the option for the message, without dashes, or of an argument, in capitals. ValueError if the
+        text has anything else.
     """
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
         kinds = "whole numbers" if kind is int else "numbers"
-        raise ValueError(f"--{option} must be {kinds} separated by commas, got {reprlib.repr(text)}") from None
+        option = option if option.isupper() else f"--{option}"
+        raise ValueError(f"{option} must be {kinds} separated by commas, got {reprlib.repr(text)}") from None
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
@@ -438,7 +443,13 @@ STACK = 300  # bytes at most, of gcc on x86-64
 def explain_command(table: Path, state: str, step: int, within: int | None, problem: str | None) -> None:
     """Say why a table promises a STATE, numbers separated by commas, or does not."""
     read: Any = load(table, problem=None if problem is None else user_problem(problem))
-    click.echo(str(read.explain(np.array(numbers("state", state)), step, within)))
+    q, names = np.array(numbers("STATE", state)), read.grid.names
+    if len(q) != len(names):
+        given = f"{len(names)} number{'s' * (len(names) > 1)} separated by commas, for {', '.join(names)}"
+        raise ValueError(f"STATE must be {given}, got {state!r}")
+    if step > read.steps:
+        raise ValueError(f"--step must be from 0 to {read.steps}, as the table has so many steps, got {step}")
+    click.echo(str(read.explain(q, step, within)))
 
 
 @main.command("plot")

@@ -10,7 +10,7 @@ from sdhj.certified.images import Images
 from sdhj.certified.limits import MORE_CELLS, Gain, Limits
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import boxes_in_set, cells_at
-from sdhj.problem.checks import states_array
+from sdhj.problem.checks import finite_array, whole
 from sdhj.problem.findings import Finding
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.explaining import Explanation, Failure, tube_in_words, why_refuted
@@ -37,8 +37,9 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 
     table : the `CertifiedTable`.
     """
-    problem, (step, within) = table.problem, table.clipped(step, within)
-    state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
+    problem, step = table.problem, whole("step", step, least=0, most=table.steps)
+    step, within = table.clipped(step, within)
+    state = finite_array("a state", q, (len(table.axes),))[None]
     entry = tube_in_words(table, step, within)
     if table.contains(state, start=step, within=within)[0]:
         ways = np.flatnonzero(table.certified_inputs(state, step, within)[0]).tolist()

@@ -113,6 +113,8 @@ def export_c(
     norms = np.square(problem.inputs).sum(axis=1)
     brake = int(norms.argmin()) if brake is None else whole("brake", brake, least=0, most=len(problem.inputs) - 1)
     folder = Path(folder)
+    if taken := [str(one) for one in (folder, *folder.parents) if one.exists() and not one.is_dir()]:
+        raise ValueError(f"{taken[0]} is a file, and an export is a folder: name another folder")
     folder.mkdir(parents=True, exist_ok=True)
     writable_file(folder / "sdhj_table.bin")
     data = packed_table(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)

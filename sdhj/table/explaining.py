@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import states_array
+from sdhj.problem.checks import finite_array, whole
 
 SHOWN = 6  # inputs
 INSTANTS_TRIED = 21  # instants of an interval at which is looked for what an input comes near
@@ -111,8 +111,8 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
     step : k, from 0 to N. within : n; None, or a number above N - step, for N - step. ValueError if q, step or within
         does not fit.
     """
-    step, within = table.clipped(step, within)
-    state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
+    step, within = table.clipped(whole("step", step, least=0, most=table.steps), within)
+    state = finite_array("a state", q, (table.grid.ndim,))[None]
     if says := why_refuted(table, state, step, within):
         return Explanation(False, says)
     entry, value = tube_in_words(table, step, within), table.values_at(state[None], step, np.array([within]))[0, 0]

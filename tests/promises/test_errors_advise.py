@@ -140,6 +140,25 @@ CASES = {
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
     ),
+    "a table onto a folder": (
+        "is a folder; name a file",
+        lambda to: table().save(to),
+        lambda to: table().save(to / "t.npz"),
+    ),
+    "an export onto a file": (
+        "is a file, and an export is a folder: name another folder",
+        lambda to: (to / "table").write_text("") or sdhj.export_c(table("certified"), to / "table", progress=False),
+        lambda to: sdhj.export_c(table("certified"), to / "robot", progress=False),
+    ),
+    "what was exported, elsewhere": (
+        "sdhj_table.bin is not there: exported is the folder of an export, or the sdhj_table.bin in it",
+        lambda to: (table("certified").save(to / "t.npz"), verify(to / "t.npz", exported=to)),
+        lambda to: (
+            sdhj.export_c(table("certified"), to, progress=False),
+            verify(to / "t.npz", exported=to),
+            verify(to / "t.npz", exported=to / "sdhj_table.bin"),
+        ),
+    ),
     "inputs in one row": (
         r"got \(4,\); of one number each: \[\[-1\], \[0\], \[1\], \.\.\.\]$",
         lambda to: Dynamics([-1, 0, 1, 2], [[1.0]] * 4),

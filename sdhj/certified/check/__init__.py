@@ -75,8 +75,8 @@ def verify(
     progress : bool, optional
         Whether to show progress bars; by default where standard error is a terminal.
     exported : path, optional
-        An `sdhj_table.bin` that was exported from these sets: checks as well that every word of it is within what is
-        proved of the sets (`exported`).
+        The folder of an export of these sets, or the `sdhj_table.bin` in it: checks as well that every word of it is
+        within what is proved of the sets (`exported`).
 
     Returns
     -------

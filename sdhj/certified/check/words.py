@@ -109,12 +109,21 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
 
     OSError without a file.
     """
-    data = Path(path).read_bytes()
+    path = Path(path) / "sdhj_table.bin" if Path(path).is_dir() else Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path} is not there: exported is the folder of an export, or the sdhj_table.bin in it"
+        )
+    data = path.read_bytes()
     whole = len(data) >= HEAD and data[:8] == MAGIC
     version = struct.unpack_from("<I", data, 8)[0] if whole else 0
     expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
     whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
-    expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
+    expect(
+        whole and hashlib.sha256(data[160:]).digest() == data[128:160],
+        "the exported table must be whole, an sdhj_table.bin",
+        str(path),
+    )
     return version, data
 
 
