@@ -7,7 +7,7 @@ PyPI, on the same grid, with the same scheme (Lax-Friedrichs, second-order ENO, 
 treats walls in its own way, so errors are counted at the nodes that no wall can have reached.
 
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
-strikes all of them alike. `measure_case_study`, `measure_resolve`, `measure_controller` and `measure_slider` time what
+strikes all of them alike. `measure_case_study`, `measure_controller` and `measure_slider` time what
 users wait for: whole tables, one that is solved anew when an obstacle is seen elsewhere, the controller's answers, and
 pictures of games; `studies/limits.py` compares each part of a solve with what the machine can do.
 """
@@ -32,12 +32,10 @@ import numpy as np
 
 import sdhj
 from sdhj import plotting
-from sdhj.arm.case_studies import OBSTACLES, arm_case_study
-from sdhj.arm.workspace import Disk, Still
+from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, numbers, plainly
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import writable_picture
-from sdhj.problem.cost import Cost
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Velocities
 from sdhj.simulation.runs import admissible_states
@@ -289,8 +287,8 @@ def _measure_one(problem: Case, nodes: int, solvers: dict[tuple[str, int], Run],
     ]
 
 
-def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str, int], tuple[float, Cost]]:
-    """Median seconds of solving the whole case study, kernels compiled, and its stated cost: by method and nodes."""
+def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str, int], float]:
+    """Median seconds of solving the whole case study, kernels compiled: by method and nodes."""
     for method in INTERPOLATED:
         compile_kernels("arm", method)
     found = {}
@@ -301,7 +299,7 @@ def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str
             for method in INTERPOLATED:
                 seconds[method].append(_timed(sdhj.solve, problem, method=method, progress=False))
         for method in INTERPOLATED:
-            found[method, n] = float(np.median(seconds[method])), sdhj.estimate(problem, method)
+            found[method, n] = float(np.median(seconds[method]))
     return found
 
 
@@ -329,34 +327,6 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
     return found
 
 
-def measure_resolve(nodes: Sequence[int] = (15, 25), repeats: int = 5) -> dict[int, dict[str, tuple[float, float]]]:
-    """Median seconds, and of the processor, of the arm's game when a disk is seen elsewhere: solved and resolved."""
-    found: dict[int, dict[str, tuple[float, float]]] = {}
-    for n in nodes:
-        places = [(x, 0.1) for x in (-0.22, -0.2, -0.18)] * repeats  # m
-        moved = [arm_case_study(n, obstacles=(Disk(Still(at), 0.06), *OBSTACLES[1:])) for at in places]
-        solved, times = sdhj.solve(moved[0], progress=False, play=False), {"solve": [], "resolve": []}
-        for problem in moved:  # in turn, so that what else the machine does strikes both
-            for name in times:
-                begun, used = time.perf_counter(), time.process_time()
-                if name == "solve":
-                    sdhj.solve(problem, progress=False, play=False)
-                else:
-                    solved = sdhj.resolve(solved, problem)
-                times[name].append((time.perf_counter() - begun, time.process_time() - used))
-        found[n] = {name: tuple(np.median(rows[2:], axis=0).tolist()) for name, rows in times.items()}
-    return found
-
-
-def resolve_table(found: dict[int, dict[str, tuple[float, float]]]) -> str:
-    """What `measure_resolve` found, as lines of text."""
-    lines = [f"{'the arm, one disk moved':<26}{'nodes':>7}{'s':>10}{'CPU s':>10}{'of a solve':>12}"]
-    for n, times in found.items():
-        for name, (seconds, cpu) in times.items():
-            lines.append(f"{name:<26}{n:>7}{seconds:>10.3f}{cpu:>10.3f}{cpu / times['solve'][1]:>12.2f}")
-    return "\n".join(lines)
-
-
 def measure_slider(nodes: int = 25) -> float:
     """Median seconds of ten moves of chapter 10's sliders: each makes, solves and draws the arm's game anew."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "notebooks"))
@@ -372,14 +342,10 @@ def _timed(call: Callable[..., Any], *args: Any, **options: Any) -> float:
     return time.perf_counter() - started
 
 
-def whole_table(
-    case_study: dict[tuple[str, int], tuple[float, Cost]], controller: dict[str, tuple[float, float]]
-) -> str:
+def whole_table(case_study: dict[tuple[str, int], float], controller: dict[str, tuple[float, float]]) -> str:
     """What `measure_case_study` and `measure_controller` found, as lines of text."""
-    lines = [f"{'whole case study':<26}{'nodes':>7}{'s':>10}{'GB needed':>12}{'operations':>12}{'in a second':>13}"]
-    for (method, n), (seconds, cost) in case_study.items():
-        much = f"{cost.nbytes / 1e9:>12.2f}{cost.operations:>12.1e}{cost.operations / seconds:>13.1e}"
-        lines.append(f"{method:<26}{n:>7}{seconds:>10.2f}{much}")
+    lines = [f"{'whole case study':<26}{'nodes':>7}{'s':>10}"]
+    lines += [f"{method:<26}{n:>7}{seconds:>10.2f}" for (method, n), seconds in case_study.items()]
     lines += ["", f"{'controller':<26}{'us':>8}{'99%':>8}{'1/s':>12}"]
     for name, (median, slow) in controller.items():
         lines.append(f"{name:<26}{1e6 * median:>8.2f}{1e6 * slow:>8.2f}{1 / median:>12.0f}")
@@ -398,12 +364,12 @@ def read(lines: Sequence[str]) -> Report:
     return Report(tuple(rows), *lines[:2])
 
 
-def beside_peer(report: Report, case_study: dict[tuple[str, int], tuple[float, Cost]]) -> str:
+def beside_peer(report: Report, case_study: dict[tuple[str, int], float]) -> str:
     """The whole case study by hji, and as many PDEs of hj_reachability one by one as one for each input would be."""
     lines = [f"{'hj_reachability':<26}{'nodes':>7}{'PDEs':>10}{'s':>12}{'of ours':>13}"]
     for row in report.rows:
         if row.solver == PEER and ("hji", row.nodes) in case_study:
-            problem, seconds = arm_case_study(row.nodes), case_study["hji", row.nodes][0]
+            problem, seconds = arm_case_study(row.nodes), case_study["hji", row.nodes]
             pdes = len(problem.inputs) * problem.steps * (problem.steps + 1) // 2
             ratio = pdes * row.seconds / seconds
             lines.append(f"{'one by one':<26}{row.nodes:>7}{pdes:>10}{pdes * row.seconds:>12.1f}{ratio:>13.0f}")
@@ -506,7 +472,6 @@ def main(nodes: str, repeats: int, with_peer: bool, output: Path | None, kept: b
     click.echo(whole_table(case_study, measure_controller()) + "\n")
     if with_peer:
         click.echo(beside_peer(report, case_study) + "\n")
-    click.echo(resolve_table(measure_resolve()) + "\n")
     click.echo(first.table("arm", first.in_a_new_process("arm")) + "\n")
     click.echo(f"chapter 10's sliders: {measure_slider():.2f} s from a move to the picture\n")
     click.echo(limits.table(arm_case_study(min(max(counts), 25)), INTERPOLATED))

@@ -20,7 +20,8 @@ from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
-from sdhj.solver.games import HJIGames, JointGames
+from sdhj.solver.games import HJIGames
+from sdhj.solver.joint import JointGames
 from sdhj.solver.schemes import Scheme
 
 SIDE = 1.2  # the lake is [-SIDE, SIDE]^2, m

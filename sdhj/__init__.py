@@ -60,7 +60,7 @@ from sdhj.simulation.runs import monte_carlo, simulate
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.projections import Projected
 from sdhj.solver.schemes import Scheme
-from sdhj.solving import estimate, load, resolve, solve
+from sdhj.solving import load, solve
 from sdhj.table.controller import Controller, NotAdmissible
 from sdhj.table.cost_to_go import CostToGo
 from sdhj.table.files import VERSION as __version__
@@ -98,14 +98,12 @@ __all__ = [
     "arm_case_study",
     "bounds_from_records",
     "complement",
-    "estimate",
     "evader_case_study",
     "export_c",
     "gridded",
     "intersection",
     "load",
     "monte_carlo",
-    "resolve",
     "simulate",
     "solve",
     "union",

@@ -36,7 +36,6 @@ from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
-from sdhj.problem.cost import MOST_OPERATIONS
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -56,7 +55,6 @@ from sdhj.table.files import (
     writable_file,
 )
 from sdhj.table.rules import RULES
-from sdhj.table.store import functions_of, head_of_store, is_store
 
 
 def stop(number: int, frame: FrameType | None) -> None:
@@ -153,7 +151,6 @@ def main() -> None:
 @click.option("--cells", help="The number of cells on each axis, separated by commas; implies --method certified.")
 @click.option("--seconds", type=float, help="About what a solve may take, to choose cells; implies --method certified.")
 @click.option("--store", type=PATH, help="A folder for a table larger than memory, in place of -o.")
-@click.option("--operations", type=float, default=MOST_OPERATIONS, help="How many a solve may take; 1e13: some hours.")
 @click.option("-o", "--output", type=PATH, help="The file to write or replace.")
 @plainly
 def solve_command(
@@ -162,7 +159,6 @@ def solve_command(
     cells: str | None,
     seconds: float | None,
     store: Path | None,
-    operations: float,
     output: Path | None,
     **of_the_arm: Any,
 ) -> None:
@@ -187,7 +183,7 @@ def solve_command(
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ValueError(f"{options} is of the arm's case study; state it in the problem of {robot}")
     problem = arm_case_study(**({"nodes": 25, "steps": 8} | given)) if robot is None else user_problem(robot, "ROBOT")
-    table = solve(problem, chosen, store=store, operations=operations)
+    table = solve(problem, chosen, store=store)
     if output is not None:
         try:
             table.save(output)
@@ -239,12 +235,8 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
 @plainly
 def info(table: Path) -> None:
     """Print what a table contains and how it was computed."""
-    if is_store(table):
-        head = head_of_store(table)[0]
-        mathematics = in_mathematics(head, functions_of(table))
-    else:
-        with opened_table(table, check=True) as (head, file):
-            mathematics = in_mathematics(head, arrays_in(file))
+    with opened_table(table, check=True) as (head, file):
+        mathematics = in_mathematics(head, arrays_in(file))
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
     click.echo(f"{name}: {head['problem']}, method {head['method']}, written by sdhj {head['sdhj_version']}")
@@ -282,8 +274,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     Black boxes are left out.
 
     head : the head of the table's file, as `sdhj.table.files.checked_head` returns it.
-    arrays : the arrays that its formulas look up, by name, as `sdhj.table.files.arrays_in` (a file) or
-        `sdhj.table.store.functions_of` (a store) returns them.
+    arrays : the arrays that its formulas look up, by name, as `sdhj.table.files.arrays_in` returns them.
     """
     found, grid = formulas_in(head, tables_of(arrays)), head["grid"]
     bounds, velocity = found["bounds"].entries[0], list[Node]()

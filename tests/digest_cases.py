@@ -1,6 +1,6 @@
 """Small problems that between them use all that a problem can say and every method: `record_digests` solves them.
 
-Only what `import sdhj` offers is used here, so the same file runs whatever the package looks like inside.
+Little but what `import sdhj` offers is used here, so the same file runs whatever the package looks like inside.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,7 @@ import numpy as np
 import toys
 
 import sdhj
+from sdhj.solver.joint import Joint
 
 FIVE = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])  # m/s
 EXACT = sdhj.Scheme(order=3, integrator="rk3", frame="fixed", dtype="float64")
@@ -25,13 +26,13 @@ class Case:
     ----------
     problem : callable () -> ReachAvoidProblem
     method : str or method object
-    memory : int, optional
-        Solved in a store, with so many bytes for a slab.
+    stored : bool
+        Whether it is solved into a folder.
     """
 
     problem: Callable[[], Any]
     method: Any = "hji"
-    memory: int | None = None
+    stored: bool = False
 
 
 def disk(x: float, y: float, radius: float) -> Callable[..., Any]:
@@ -227,7 +228,7 @@ CASES: dict[str, Case] = {
     "arm, swept, printed kinematics": Case(arm(kinematics="printed", nodes=(11, 12, 9, 8))),
     "arm, sampled, printed kinematics": Case(arm(kinematics="printed", view_time="sampled")),
     "arm, instantaneous, printed kinematics": Case(arm(kinematics="printed", view_time="instantaneous")),
-    "arm, joint games": Case(arm(steps=2), sdhj.HJI(games="joint")),
+    "arm, joint games": Case(arm(steps=2), Joint()),
     "arm, fixed frame": Case(arm(steps=2), sdhj.HJI(sdhj.Scheme(frame="fixed"))),
     "arm, first order": Case(arm(steps=2), sdhj.HJI(ROUGH)),
     "arm, third order": Case(arm(steps=2), sdhj.HJI(EXACT)),
@@ -237,7 +238,7 @@ CASES: dict[str, Case] = {
     "arm, lax, linear": Case(arm(view_time="sampled"), sdhj.HopfLax("linear", "float64")),
     "arm, certified": Case(arm(), ARM_CELLS),
     "arm, sensing": Case(lambda: replace(arm()(), sensing=sdhj.Sensing(0.005, 0.01, memory=False))),
-    "arm, in a store": Case(arm(nodes=(20, 7, 7, 7), steps=2), memory=1_491_136),
+    "arm, in a store": Case(arm(nodes=(20, 7, 7, 7), steps=2), stored=True),
     "evader": Case(evader),
     "evader, projected": Case(evader, "projected"),
     "evader, certified": Case(evader, ARM_CELLS),
@@ -250,9 +251,9 @@ CASES: dict[str, Case] = {
         lambda: chained(sdhj.Certified(cells=(80,))), sdhj.Certified(cells=(80,))
     ),
     "torus": Case(toys.torus_problem),
-    "torus, joint games, third order": Case(toys.torus_problem, sdhj.HJI(EXACT, games="joint")),
-    "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), memory=441_136),
-    "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", memory=136_136),
+    "torus, joint games, third order": Case(toys.torus_problem, Joint(EXACT)),
+    "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), stored=True),
+    "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", stored=True),
     "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60))),
     "plane, map and polygon": Case(mapped),
     "plane, map and polygon, lax": Case(mapped, "lax"),
@@ -287,7 +288,7 @@ CASES: dict[str, Case] = {
         lambda: cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None), sdhj.Certified(cells=(40, 40))
     ),
     "cart, safe ends": Case(lambda: cart([("safe", "unsafe"), ("wall", "unsafe")], unsafe=posts())),
-    "cart, safe ends, joint games": Case(lambda: cart(["safe", "wall"], unsafe=posts()), sdhj.HJI(games="joint")),
+    "cart, safe ends, joint games": Case(lambda: cart(["safe", "wall"], unsafe=posts()), Joint()),
     "cart, safe ends, certified": Case(
         lambda: cart([("safe", "unsafe"), ("wall", "unsafe")], unsafe=posts()), sdhj.Certified(cells=(40, 40), parts=4)
     ),

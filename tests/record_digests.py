@@ -212,15 +212,13 @@ def measured(case: Case) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         problem = case.problem()
-        stored = {} if case.memory is None else {"store": Path(folder) / "table", "memory": case.memory}
+        stored = {"store": Path(folder) / "table"} if case.stored else {}
         table = sdhj.solve(problem, case.method, progress=False, play=False, **stored)
         states = of_states(table)
         read = of_single_states(table, states["margins"], states["controller"])
         found = of_values(table) | states | {"to go": read} | of_runs(table) | of_cells(table)
         found |= {"file": of_file(table, Path(folder) / "table.npz"), "problem": table.problem.digest}
         found |= {"steps": table.steps, "stored tubes": len(table.index), "says": repr(table)}
-        if stored:
-            found["slabs"] = table.details["slabs"]
     found["warnings"] = sorted(f"{one.category.__name__}: {one.message}" for one in told)
     return {key: str(value) if isinstance(value, Digest) else value for key, value in found.items()}
 

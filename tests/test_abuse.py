@@ -345,7 +345,6 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Scheme(cfl=ARRAY), r"cfl must be a number in \(0, 1\]"),
         (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl must be a number in \(0, 1\]"),
         (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation must be one of"),
-        (lambda: sdhj.HJI(games=ARRAY), "games must be one of"),
         (lambda: replace(a_line(), view_time=ARRAY), "view_time must be one of"),
         (
             lambda: replace(a_line(), steps=10**400),

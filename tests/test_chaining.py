@@ -9,7 +9,6 @@ from toys import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj.formulas.graph import ordered
-from sdhj.table.relay import Relay
 
 CERTIFIED = sdhj.Certified(cells=(80,))
 
@@ -138,22 +137,22 @@ def leg(place, **changed):
     )
 
 
-def test_no_run_of_a_certified_relay_is_lost(rng):
+def test_no_run_of_two_certified_legs_is_lost(rng):
     method = sdhj.Certified(cells=(100, 60), parts=4)
     first = sdhj.solve(leg(0), method, progress=False)
     second = sdhj.solve(leg(1, target=sdhj.TargetSet.from_table(first)), method, progress=False)
     assert second.fraction(start=0, within=STEPS) > first.fraction(start=0, within=STEPS) + 0.05
-    with pytest.raises(
-        ValueError, match=r"Relay takes controllers, for example Relay\(Controller\(table\)\), got <Cert"
-    ):
-        Relay(second)
-    relay = Relay(sdhj.Controller(second), sdhj.Controller(first))
+    controllers = sdhj.Controller(second), sdhj.Controller(first)
     points = rng.uniform([-2.5, -1.5], [2.5, 1.5], (3000, 2))
     starts = points[second.contains(points, start=0, within=STEPS)]
     played = set()
 
     def choose(states, step):
-        legs = relay.choose(states, step)
+        legs = np.full((len(states), 2), -1)
+        for leg_number, controller in enumerate(controllers):  # the last one that knows of the state acts
+            batch = controller.batch(states, step)
+            known = batch.steps_to_go >= 0
+            legs[known] = np.stack([np.full(known.sum(), leg_number), controller.choose(batch)[known]], axis=1)
         played.update(legs[:, 0].tolist())
         return np.where((legs < 0).any(axis=1), -1, 10 * legs[:, 0] + legs[:, 1])
 
@@ -175,12 +174,3 @@ def test_no_run_of_a_certified_relay_is_lost(rng):
         outcomes = judge.play(choose, velocity, signs, goal, unsafe, starts, delta=DELTA, steps=STEPS)
         assert len(outcomes) > 400 and (outcomes == "reached").all(), np.unique(outcomes, return_counts=True)
     assert played >= {0, 1}
-
-
-def test_a_relay_remembers_nothing():
-    sensed = dataclasses.replace(interval_problem(), sensing=sdhj.Sensing(error=0.01))
-    method = sdhj.Certified(cells=(400,), parts=1)
-    with pytest.raises(ValueError, match="a Relay remembers nothing: solve the problems with Sensing"):
-        Relay(sdhj.Controller(sdhj.solve(sensed, method, progress=False, play=False)))
-    forgets = dataclasses.replace(sensed, sensing=sdhj.Sensing(error=0.01, memory=False))
-    assert len(Relay(sdhj.Controller(sdhj.solve(forgets, method, progress=False, play=False))).controllers) == 1

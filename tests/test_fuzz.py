@@ -236,7 +236,7 @@ def methods() -> Any:
 
     return one_of(
         one_odd(scheme, lambda **given: sdhj.HJI(sdhj.Scheme(**given)), tuple(scheme)),
-        one_odd({"scheme": sdhj.Scheme(), "games": "joint"}, partial(solved, sdhj.HJI), ("scheme", "games")),
+        one_odd({"scheme": sdhj.Scheme()}, partial(solved, sdhj.HJI), ("scheme",)),
         one_odd({"interpolation": "linear", "dtype": "float64"}, partial(solved, sdhj.HopfLax), ("dtype",)),
         one_odd({"subspaces": [(0,)], "inner": sdhj.HJI()}, sdhj.Projected, ("subspaces", "inner")),
         one_odd(

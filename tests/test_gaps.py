@@ -18,6 +18,7 @@ from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, Unsa
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.solver.games import HJIGames, past_ends
 from sdhj.solver.gaps import gaps
+from sdhj.solver.joint import Joint
 
 FIXED = HJI(Scheme(frame="fixed"))
 LOWER, UPPER = -2.0, 2.0
@@ -159,7 +160,7 @@ def test_the_plain_recursion_has_the_closed_form() -> None:
         ("hji", 161, 0.015),
         ("hji", 321, 0.003),
         ("hji", 641, 0.001),
-        (HJI(games="joint"), 321, 0.003),
+        (Joint(), 321, 0.003),
         ("lax", 321, 0.001),
     ],
     ids=str,
@@ -175,9 +176,7 @@ def test_differences_fill_them() -> None:
         assert wrong_and_missed(table, exact(7))[0] > 0.15
 
 
-@pytest.mark.parametrize(
-    ("method", "nodes"), [("hji", 81), ("hji", 161), (HJI(games="joint"), 81), ("lax", 81)], ids=str
-)
+@pytest.mark.parametrize(("method", "nodes"), [("hji", 81), ("hji", 161), (Joint(), 81), ("lax", 81)], ids=str)
 def test_thin_gaps_stay_open_under_a_push_of_many_cells(method: Any, nodes: int) -> None:
     """Gaps of 2.5 cells and a push of 7.5: by differences alone .5125 of the axis would be held for .375."""
     assert sdhj.solve(thin(nodes), method).fraction() == pytest.approx(0.375, abs=0.02)

@@ -12,6 +12,7 @@ from plain import run_plainly
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.sets import LARGEST
+from sdhj.solver.joint import Joint
 from sdhj.solver.recursion import GridSets
 from sdhj.solving import METHODS, method_of
 
@@ -212,8 +213,8 @@ def test_methods_of_equal_options_are_equal_and_cannot_change():
         (lambda: HJI(cfl=0.5), r"belongs to scheme=sdhj.Scheme\(cfl=...\)$"),
         (lambda: Projected(order=3), r"belongs to scheme=sdhj.Scheme\(order=...\), in inner=sdhj.HJI\(...\)$"),
         (lambda: HopfLax(order=1), "HopfLax has no option 'order' of its own; its options are interpolation, dtype$"),
-        (lambda: HJI(interpolation="linear"), "its options are scheme, games$"),
-        (lambda: Projected(games="joint"), r"belongs to inner=sdhj.HJI\(games=...\)$"),
+        (lambda: HJI(interpolation="linear"), "its options are scheme$"),
+        (lambda: Projected(scheme=3), r"belongs to inner=sdhj.HJI\(scheme=...\), where scheme must be a sdhj.Scheme"),
         (lambda: sdhj.Certified(cell=[3]), "its options are cells, parts, seconds$"),
         (lambda: sdhj.Scheme(ordr=3), "its options are flux, order, integrator, cfl, frame, dtype$"),
     ],
@@ -238,7 +239,7 @@ SLOWED = lambda q, u: u - 0.1 * q  # noqa: E731
     [
         (sdhj.HJI(), SLOWED),
         (sdhj.HJI(scheme=sdhj.Scheme(order=3, flux="lax-friedrichs")), SLOWED),
-        (sdhj.HJI(games="joint"), SLOWED),
+        (Joint(), SLOWED),
         (sdhj.HJI(), MOVES),
         (sdhj.HopfLax(), MOVES),
     ],

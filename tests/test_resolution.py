@@ -12,6 +12,7 @@ import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells
+from sdhj.solver.joint import Joint
 from sdhj.solver.resolution import check_resolution, check_sets, too_thin_finding
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
@@ -364,7 +365,7 @@ MISTAKES = {
         "unsafe set 'o' hides between the nodes at height = 0.513",
     ),
 }
-METHODS = {"hji": "hji", "joint": sdhj.HJI(games="joint"), "lax": "lax", "projected": "projected"}
+METHODS = {"hji": "hji", "joint": Joint(), "lax": "lax", "projected": "projected"}
 METHODS |= {"certified": sdhj.Certified(cells=[32, 20]), "store": "hji"}
 
 

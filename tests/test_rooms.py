@@ -125,16 +125,6 @@ def decorators(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
     }
 
 
-def test_kernels_take_few_arguments() -> None:
-    kernels = [(path, one) for path in FILES for one in functions(tree(path)) if decorators(one) & COMPILERS]
-    assert len(kernels) > 20  # or this looks for the wrong decorator
-    counts = {
-        f"{path.name}: {one.name}": len(one.args.posonlyargs + one.args.args + one.args.kwonlyargs)
-        for path, one in kernels
-    }
-    assert {name: count for name, count in counts.items() if count > 8} == {}
-
-
 def back_doors(module: ast.Module) -> list[str]:
     """Where a frozen object is written but by itself as it is made, or others fill a list or cache of a file."""
     own = {

@@ -16,6 +16,7 @@ from sdhj.kernels import compiling
 from sdhj.problem import memory
 from sdhj.problem.interval import Velocities
 from sdhj.solver import recursion, schemes
+from sdhj.solver.joint import Joint
 from sdhj.solver.schemes import evolve
 from sdhj.table.table import entries
 
@@ -35,7 +36,7 @@ def arm():
         pytest.param(arm, {"method": sdhj.HJI(Scheme(frame="fixed", order=3))}, marks=pytest.mark.slow),
         (arm, {"method": "lax"}),
         (arm, {"method": "projected"}),
-        (arm, {"method": sdhj.HJI(games="joint")}),
+        (arm, {"method": Joint()}),
         (unicycle_problem, {}),
     ],
     ids=["default", "fixed, third order", "lax", "projected", "joint", "state-dependent"],
@@ -221,14 +222,18 @@ def test_what_is_given_is_left_alone(rng):
     assert np.array_equal(values, copies[0]) and np.array_equal(wall, copies[1])
 
 
+def stated(problem, method):
+    """Bytes that a solve takes beside the process, as it says before it begins."""
+    return recursion.bytes_of_solve(recursion.GridParts(problem, method)) - recursion.PROCESS
+
+
 def test_memory_is_stated_in_advance_and_checked(monkeypatch):
     problem = arm()
     table = sdhj.solve(problem)
     held = table.tubes.nbytes + table.marks.nbytes + table.avoid.static.nbytes + table.avoid.moving.nbytes
-    assert held < recursion.memory_needed(problem) - recursion.PROCESS < 3 * held
-    double = dataclasses.replace(problem, steps=2)
-    assert recursion.memory_needed(double, "float64") > recursion.memory_needed(double)
-    monkeypatch.setattr(recursion, "memory_needed", lambda problem, dtype: 10**18)
+    assert held < stated(problem, sdhj.HJI()) < 3 * held
+    assert stated(problem, sdhj.HJI(Scheme(dtype="float64"))) > stated(problem, sdhj.HJI())
+    monkeypatch.setattr(recursion, "bytes_of_solve", lambda parts: 10**18)
     with pytest.raises(MemoryError, match="fewer nodes"):
         sdhj.solve(problem)
 
@@ -243,7 +248,7 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
     "method",
     [
         pytest.param(sdhj.HJI(), id="hji"),
-        pytest.param(sdhj.HJI(games="joint"), id="joint", marks=pytest.mark.slow),
+        pytest.param(Joint(), id="joint", marks=pytest.mark.slow),
         pytest.param(sdhj.Projected(subspaces=[(0, 2)]), id="proj", marks=pytest.mark.slow),
     ],
 )
@@ -271,9 +276,9 @@ def test_sampled_velocities_stay_within_what_is_stated(gain, method):
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    stated = recursion.memory_needed(problem) - recursion.PROCESS
-    print(f"peak {peak / 1e6:.1f} MB, stated {stated / 1e6:.1f} MB")
-    assert peak < stated
+    said = stated(problem, sdhj.HJI())
+    print(f"peak {peak / 1e6:.1f} MB, stated {said / 1e6:.1f} MB")
+    assert peak < said
 
 
 def refused(problem: sdhj.ReachAvoidProblem, method: str = "hji") -> float:

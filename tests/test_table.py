@@ -5,12 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from toys import empty_table, interval_problem, one_row, small_torus_table, torus_problem
+from toys import interval_problem, one_row, small_torus_table, torus_problem
 
 import sdhj
 from sdhj import Dynamics
+from sdhj.solver.recursion import GridSets
 from sdhj.table.controller import Controller
-from sdhj.table.table import AvoidTubes, entries, entry
+from sdhj.table.table import entries, entry
 
 
 @pytest.fixture(scope="module")
@@ -91,12 +92,13 @@ def test_digest_sees_every_part_of_a_problem():
 # ---- equal tubes are stored once
 
 
-def table_of(steps, *, time_invariant):
+def sets_of(steps, *, time_invariant):
     rate = 0.0 if time_invariant else 0.1  # of the wall
     problem = interval_problem(nodes=9, steps=steps, rate=rate)
     assert problem.time_invariant == time_invariant
-    nothing = AvoidTubes((), np.full(3, -np.inf), (), np.full((problem.steps, 3), -np.inf))
-    return empty_table(problem, nothing, "float64")
+    sets = GridSets(problem, sdhj.HopfLax("linear", "float64"))
+    sets.begin()
+    return sets
 
 
 def test_entries_come_in_the_order_of_their_places():
@@ -107,34 +109,34 @@ def test_entries_come_in_the_order_of_their_places():
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
 def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
     """Each tube is filled with a number of its own, or shared; a dictionary keeps book."""
-    table, told = table_of(6, time_invariant=False), {}
+    sets, told = sets_of(6, time_invariant=False), {}
     for k in range(6, -1, -1):
         for n in range(7 - k):
             if n >= 2 and rng.random() < share:
-                table.repeat(k, n)
+                sets.repeat(k, n)
                 told[k, n] = told[k, n - 1]
             else:
                 told[k, n] = len(told)
-                table.value_array(k, n)[:] = table.mark_array(k, n)[:] = told[k, n]
-    done = table.finish({"seconds": 1.0})
-    assert done.details == {"seconds": 1.0} and len(done.index) == len(told) == 28
+                sets.tubes[sets.place(k, n)] = sets.marks[sets.place(k, n)] = told[k, n]
+    done = sets.finish({"seconds": 1.0})
+    assert done.details["seconds"] == 1.0 and len(done.index) == len(told) == 28
     for (k, n), number in told.items():
-        assert (done.value_array(k, n) == number).all() and (done.mark_array(k, n) == number).all()
+        assert (done.values(start=k, within=n) == number).all() and (done.mark_array(k, n) == number).all()
     stored = len(set(told.values()))
     assert len(done.tubes) == len(done.marks) == stored and done.tubes.nbytes + done.marks.nbytes == stored * 81
 
 
 def test_without_time_there_is_one_tube_for_each_number_of_steps():
     """A row finds the tubes of the next one filled in; its one new tube is filled in, or shared by all that follow."""
-    table = table_of(5, time_invariant=True)
-    assert len(table.tubes) == 6
+    sets = sets_of(5, time_invariant=True)
+    assert len(sets.tubes) == 6
     for k in range(5, -1, -1):
         for n in range(6 - k):
             if n >= 3:  # as if the tube had stopped growing there: it grows no more
-                table.repeat(k, n)
+                sets.repeat(k, n)
             elif n == 5 - k:
-                table.value_array(k, n)[:] = n
-    done = table.finish({})
+                sets.tubes[sets.place(k, n)] = n
+    done = sets.finish({})
     assert len(done.tubes) == 3
     for start, within in entries(5).tolist():
         assert (done.values(start=start, within=within) == (0, 1, 2, 2, 2, 2)[within]).all()

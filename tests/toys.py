@@ -9,12 +9,14 @@ import numpy as np
 import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.kernels import read_only
+from sdhj.solver.recursion import unshared_index
 from sdhj.table.table import LookupTable
 
 
 def empty_table(problem, avoid, dtype="float32"):
     """A table on the grid to be filled in by a test: tubes undefined, no input marked, with complete avoid tubes."""
-    index, number = LookupTable.unshared_index(problem), LookupTable.most_tubes(problem)
+    index = unshared_index(problem)
+    number = int(index.max()) + 1
     marks = np.zeros((number, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
     return LookupTable(problem, "by hand", index, np.empty((number, *problem.grid.shape), dtype), marks, avoid, {})
 

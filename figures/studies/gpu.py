@@ -36,7 +36,7 @@ from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _kept, _runs_of_axes,
 from sdhj.problem.boxes import _leaves, _maxima_by_axis
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, ObstacleFunction
-from sdhj.solver.schemes import STAGES, Scheme, layout_of, terms_of_inputs
+from sdhj.solver.schemes import STAGES, Scheme, layout_of, terms_of
 from sdhj.table.table import LookupTable
 
 THREADS = 128  # of a block
@@ -182,14 +182,14 @@ class Game:
         assert not any(self.grid.has(fate) for fate in ("frees", "fails")) and problem.view_time == "swept"
         self.steps, self.count, self.size = problem.steps or 0, len(problem.inputs), self.grid.size
         still: Any = games.velocities(0, games.axes, 0, drift=False)
-        layout, terms = layout_of(self.grid, self.scheme.order), terms_of_inputs(self.grid, [still], self.scheme)
-        assert terms is not None
+        layout = layout_of(self.grid, self.scheme.order)
+        terms = terms_of(self.grid, layout, still, self.scheme.dtype)
         self.pieces, self.time_steps = (
             games.formula.pieces(list(games.axes)),
             still.steps(self.grid, games.duration, self.scheme.cfl),
         )
         self.padded = layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width
-        self.layout, self.velocities = on_card(layout), tuple(cuda.to_device(one[0]) for one in terms)
+        self.layout, self.velocities = on_card(layout), tuple(map(cuda.to_device, terms))
         self.known: dict[Any, Any] = {}
         self.room: dict[tuple[Any, ...], Any] = {}
 

@@ -82,20 +82,17 @@ def _between(leaves: Any) -> float:
 
 def _of_stage(out: Any, phi: Any, after: Any, wall: Any, velocities: Any, order: Any, flux: Any, *_: Any) -> Any:
     axis = list(DIFFERENCES.values())[len(order)] + list(HAMILTONIANS.values())[len(flux)] + 1
-    coupled = len(velocities) * velocities[2].shape[1] * 2 if len(velocities) == 4 else 0
+    coupled = len(velocities) * len(velocities[2]) * 2 if len(velocities) == 4 else 0
     moved = phi.nbytes + 2 * after.nbytes + wall.nbytes + sum(one.nbytes for one in velocities)
-    return moved, phi.size * (axis * (phi.ndim - 1) + 5 + coupled)
+    return moved, phi.size * (axis * phi.ndim + 5 + coupled)
 
 
-def _of_union(
-    out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any, which: Any
-) -> Any:
+def _of_union(out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, *_: Any) -> Any:
     wide = [wall for wall in (walls.static, walls.moving) if wall.shape[2] > 1]
     made = _between(Leaves(*reach[1:])) if len(reach) == 7 else len(reach[1])
     moved = 2 * tube.nbytes + marks.nbytes * count // len(marks) // 4 + reach[0].nbytes
     moved += sum(wall[:count].nbytes for wall in (walls.static, walls.moving))
-    share = which.size / len(tube)
-    return moved * share, tube.size * share * count * (made + JOINED + len(wide))
+    return moved, tube.size * count * (made + JOINED + len(wide))
 
 
 def _of_maxima(out: Any, values: Any, leaves: Any, raised: bool, into: Any) -> Any:
@@ -111,7 +108,7 @@ MEASURED: tuple[tuple[Any, str, str, Callable[..., Any]], ...] = (
     (Formula, "__call__", "sampling", _of_formula),
     (ReachAvoidProblem, "unsafe_over", "sampling", lambda out, *_, **__: (8 * out.size, 0)),
     (ReachAvoidProblem, "goal", "sampling", lambda out, *_: (8 * out.size, 0)),
-    (recursion, "_avoid", "avoid tubes", lambda out, *_: (3 * out[0][0].nbytes, 0)),
+    (recursion.GridParts, "write_avoid", "avoid tubes", lambda out, parts, name, step, into: (3 * into.nbytes, 0)),
     (schemes, "stage", "stages", _of_stage),
     (schemes, "_with_ghosts", "stages", lambda out, grid, layout, values, _: (values.nbytes + out.nbytes, 0)),
     (schemes, "_without_ghosts", "stages", lambda out, layout, padded, values: (values.nbytes + padded.nbytes, 0)),

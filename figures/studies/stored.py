@@ -1,19 +1,19 @@
 """What a store costs.
 
 `python figures/studies/stored.py` tells the CPU seconds of solves in memory, of solves in memory that are then saved,
-and of solves with a store, in turn; of each the fewest. `python figures/studies/stored.py --robot hunted --nodes 20
---method lax --memory 3800000000` solves one problem with a store, once: its slabs, time, the most memory that the
-process had, disk, and the share won. With `--workers 1` the same slabs are solved once more by a Dask cluster of so
-many processes: what a task costs beside what it does, and how many bytes go through the scheduler and through the
-store.
+and of solves with a store, in turn; of each the fewest. `python figures/studies/stored.py --robot arm --nodes 20
+--method lax` solves one problem with a store, once: CPU seconds, the most anonymous memory (RssAnon) beyond what the
+process had before, disk, and the share won. With `--workers 2` a problem is solved by so many workers of a Dask
+cluster, with one thread each, and by one of them: how long both take.
 """
 
 import gc
 import importlib
-import os
-import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +28,7 @@ from sdhj.cli import plainly
 
 Clock = Callable[[], float]
 MAKERS: dict[str, Callable[[int], sdhj.ReachAvoidProblem]] = {"case study": sdhj.arm_case_study}
+MAKERS["turning"] = lambda nodes: turning(nodes)
 MAKERS |= {name: robot.problem for name, robot in large.WORKED.items()}
 COMPARED = (
     ("case study", 25, "hji"),
@@ -36,6 +37,24 @@ COMPARED = (
     ("arm", 17, "lax"),
     ("car", 13, "hji"),
 )
+
+
+def turning(nodes: int) -> sdhj.ReachAvoidProblem:
+    """A car with 25 inputs among posts, of which each has games of its own; nothing depends on time."""
+    speeds, rates = np.linspace(0.2, 1.0, 5), np.linspace(-1.0, 1.0, 5)
+    inputs = np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def drift(q: Any, u: Any) -> Any:
+        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), u[1] + 0.0 * q[:, 2]], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [nodes, nodes, 48], [False, False, True]),
+        sdhj.Dynamics(inputs, drift, np.eye(3), [0.05, 0.05, 0.1]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.4),
+        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.4, name="post")],
+        0.25,
+        20,
+    )
 
 
 def timed(call: Callable[..., Any], *args: Any, clock: Clock = time.perf_counter, **options: Any) -> tuple[float, Any]:
@@ -51,14 +70,31 @@ def on_disk(folder: Path) -> int:
     return sum(512 * file.stat().st_blocks for file in folder.rglob("*") if file.is_file())
 
 
-def most_memory() -> str:
-    """The most memory that this process has had, with the pages of files that the system kept for it."""
+def anonymous_memory() -> int:
+    """Bytes of this process that are in memory and of no file; 0 where the system does not say."""
     try:
-        usage: Any = importlib.import_module("resource")
-    except ImportError:  # not on Windows
-        return "unknown"
-    unit = 1 if sys.platform == "darwin" else 1024
-    return f"{usage.getrusage(usage.RUSAGE_SELF).ru_maxrss * unit / 1e9:.1f} GB"
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:  # as on Windows
+        return 0
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("RssAnon")), 0)
+
+
+@contextmanager
+def watched(every: float = 0.005) -> Iterator[list[int]]:
+    """A context with a list whose only entry is the most bytes of `anonymous_memory` beyond those at its begin."""
+    before, most, ended = anonymous_memory(), [0], threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(every):
+            most[0] = max(most[0], anonymous_memory() - before)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield most
+    finally:
+        ended.set()
+        watcher.join()
 
 
 def three_ways(problem: sdhj.ReachAvoidProblem, method: str) -> tuple[float, float, float, int]:
@@ -82,80 +118,62 @@ def compared(name: str, nodes: int, method: str, repeats: int) -> str:
     return f"| {name}, {nodes} nodes, {method} | {' | '.join(told)} |"
 
 
-def solved_once(name: str, nodes: int, method: str, memory: int | None) -> str:
+def solved_once(name: str, nodes: int, method: str) -> str:
     """The line of one solve with a store."""
-    with TemporaryDirectory() as folder:
+    sdhj.solve(MAKERS[name](9), method, progress=False, play=False)  # compiles
+    problem = MAKERS[name](nodes)
+    with TemporaryDirectory() as folder, watched() as most:
         path = Path(folder) / "table"
-        given = {"store": path, "memory": memory}
-        taken, table = timed(sdhj.solve, MAKERS[name](nodes), method, clock=time.process_time, **given)
-        peak, share = most_memory(), table.fraction(start=0, within=table.steps)
-        told = table.details["slabs"], f"{taken:,.0f}", peak, f"{on_disk(path) / 1e9:.1f} GB", f"{share:.3f}"
-    return f"| {name}, {nodes} nodes, {method} | {' | '.join(map(str, told))} |"
+        taken, table = timed(sdhj.solve, problem, method, clock=time.process_time, store=path, progress=False)
+        told = f"{taken:,.0f}", f"{most[0] / 1e9:.2f} GB", f"{on_disk(path) / 1e9:.1f} GB"
+        share = table.fraction(start=0, within=table.steps)
+    return f"| {name}, {nodes} nodes, {method} | {' | '.join(told)} | {share:.3f} |"
 
 
-def moved(client: Any) -> list[int]:
-    """Bytes so far: sent by the network devices of this machine, and written by the workers of a client.
-
-    What workers read is mapped, and counted by nobody.
-    """
-    psutil: Any = importlib.import_module("psutil")
-    own = client.run(lambda: psutil.Process().io_counters().write_chars).values()
-    return [psutil.net_io_counters().bytes_sent, sum(own)]
-
-
-def by_workers(client: Any, problem: sdhj.ReachAvoidProblem, method: str, memory: int | None) -> tuple[Any, ...]:
-    """Slabs, tasks, and seconds of a solve by this process and of one by workers; bytes moved by the latter."""
-    with TemporaryDirectory() as folder:
-        path, told = Path(folder) / "workers", {"memory": memory, "progress": False}
-        alone, _ = timed(sdhj.solve, problem, method, store=Path(folder) / "alone", **told)
-        before = moved(client)
-        shared, table = timed(sdhj.solve, problem, method, store=path, client=client, **told)
-        bytes_moved = np.subtract(moved(client), before).tolist()
-        tasks = sum(map(bool, (path / "ledger").read_text().splitlines()))  # each has its line
-    return table.details["slabs"], tasks, alone, shared, *bytes_moved
-
-
-def shared_out(name: str, nodes: int, method: str, memory: int | None, workers: int, repeats: int) -> str:
-    """The line of solves by this process and by workers that share its cores."""
+def by_workers(problem: sdhj.ReachAvoidProblem, method: str, workers: int) -> float:
+    """Seconds of a solve by so many workers of a Dask cluster, with one thread each, when all have compiled."""
     dask, distributed = map(importlib.import_module, ("dask", "distributed"))
-    cores = max(1, (os.cpu_count() or 1) // workers)
     # in place of Dask's, which have freed memory given back at once: each array would find its pages anew
-    environment = {"distributed.nanny.pre-spawn-environ": {"NUMBA_NUM_THREADS": cores}}
+    environment = {"distributed.nanny.pre-spawn-environ": {"NUMBA_NUM_THREADS": 1}}
     with (
         TemporaryDirectory() as folder,
         dask.config.set(environment | {"temporary-directory": folder}),
         distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
-        taken = [by_workers(client, MAKERS[name](nodes), method, memory) for _ in range(repeats + 1)]
-    slabs, tasks, alone, shared, sent, written = map(min, zip(*taken[1:], strict=True))  # the first compiles
-    told = f"{slabs}", f"{tasks}", f"{alone:.1f}", f"{shared:.1f}", f"{(shared - alone) / tasks * 1e3:.0f} ms"
-    told += f"{sent / tasks / 1e3:.0f} kB", f"{written / 1e6:,.0f} MB"
-    return f"| {name}, {nodes} nodes, {method} | {' | '.join(told)} |"
+        told = {"client": client, "progress": False}
+        sdhj.solve(replace(problem, steps=2), method, store=Path(folder) / "first", **told)
+        return timed(sdhj.solve, problem, method, store=Path(folder) / "table", **told)[0]
+
+
+def shared_out(name: str, nodes: int, method: str, workers: int, repeats: int) -> str:
+    """The line of solves by one worker and by several, in turn; of each the fastest."""
+    problem = MAKERS[name](nodes)
+    alone, shared = (
+        min(one)
+        for one in zip(*([by_workers(problem, method, n) for n in (1, workers)] for _ in range(repeats)), strict=True)
+    )
+    return f"| {name}, {nodes} nodes, {method} | {alone:.1f} | {shared:.1f} | {shared / alone:.2f} |"
 
 
 @click.command(context_settings={"show_default": True})
 @click.option("--robot", type=click.Choice(list(MAKERS)), help="Solve this one, once, with a store.")
 @click.option("--nodes", type=click.IntRange(9), help="Of the robot's grid, along most axes; 25 where none are given.")
 @click.option("--method", type=click.Choice(["hji", "lax"]), help="hji where none is given.")
-@click.option("--memory", type=click.IntRange(1), help="Bytes that a slab may take.")
 @click.option("--workers", type=click.IntRange(1), help="Solve it with so many Dask workers, too.")
 @click.option("--repeats", default=3, type=click.IntRange(1), help="Of each solve, where some are compared.")
 @plainly
-def main(
-    robot: str | None, nodes: int | None, method: str | None, memory: int | None, workers: int | None, repeats: int
-) -> None:
+def main(robot: str | None, nodes: int | None, method: str | None, workers: int | None, repeats: int) -> None:
     """Time solves with a store. Stores are written where temporary files are (TMPDIR), and removed."""
     if robot and workers:
-        click.echo("| problem | slabs | tasks | alone, s | shared, s | more a task | sent a task | written |")
-        click.echo("|---" * 8 + "|")
-        click.echo(shared_out(robot, nodes or 25, method or "hji", memory, workers, repeats))
+        click.echo(f"| problem | one worker, s | {workers} workers, s | ratio |\n|---|---|---|---|")
+        click.echo(shared_out(robot, nodes or 25, method or "hji", workers, repeats))
         return
     if robot:
-        click.echo("| problem | slabs | CPU s | most memory | disk | share |\n|---|---|---|---|---|---|")
-        click.echo(solved_once(robot, nodes or 25, method or "hji", memory))
+        click.echo("| problem | CPU s | most memory | disk | share |\n|---|---|---|---|---|")
+        click.echo(solved_once(robot, nodes or 25, method or "hji"))
         return
-    if nodes or method or memory or workers:
+    if nodes or method or workers:
         raise click.UsageError("all but --repeats are options of a --robot; give one of them, too")
     click.echo("| problem | in memory, CPU s | and saved | with a store | ratio | disk |\n|---|---|---|---|---|---|")
     for one in COMPARED:

@@ -31,10 +31,10 @@ from sdhj.certified.images import BOXES_OF_A_SET
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray
-from sdhj.problem.cost import ENDLESS_STEPS
 from sdhj.problem.findings import findings
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
+from sdhj.problem.statement import ENDLESS_STEPS
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
 

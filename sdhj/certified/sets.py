@@ -123,10 +123,7 @@ import reprlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar
-
-import numpy as np
 
 from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
@@ -136,7 +133,6 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import GrowsTooFast
 from sdhj.certified.table import CellSets
 from sdhj.problem.checks import Options, number, whole
-from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion
@@ -144,7 +140,6 @@ from sdhj.solver.recursion import recursion
 ARM_CELLS = (419, 419, 72, 72)
 FINER = 32  # times as many parts of an interval are tried where a velocity grows too fast
 RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
-OPERATIONS = 3e8  # of `sdhj.problem.cost` that take as long as a second of the model of cells, on one core
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
@@ -207,8 +202,6 @@ class Certified(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half of the time of a solve.
 
-        What the solve will cost is said before that (`sdhj.problem.cost.begin`).
-
         progress : whether to show progress bars; None: if standard error is a terminal.
 
         ValueError if `cells` has not one number for each axis, the arm's lengths, speeds or steps are too large for its
@@ -218,9 +211,7 @@ class Certified(Options):
         parts, most = self.parts, min(FINER * self.parts, MOST_PIECES)
         while True:
             try:
-                proof = replace(self, parts=parts).proof(problem)
-                begin(partial(cost_in_cells, proof), problem.steps is None)
-                return CellSets(proof, progress)
+                return CellSets(replace(self, parts=parts).proof(problem), progress)
             except GrowsTooFast as error:
                 if parts == most:
                     more = f"use a shorter delta, or more parts than the {parts} that were tried last: "
@@ -287,24 +278,6 @@ class Certified(Options):
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
         return aligned(problem, cells)
-
-
-def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
-    """The `Cost` of a solve with the cells of a proof, by the model of `sdhj.certified.choosing`; nothing is said here.
-
-    Its operations are as many of those of `sdhj.problem.cost` as take as long. proof : not yet prepared.
-    """
-    problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
-    count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS
-    tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
-    if isinstance(proof, GeneralProof):
-        first, rest = cost(problem, axes, proof.parts, speeds)
-    else:
-        first = rest = proof.seconds / 2
-    widths = np.array([float(axis.width) for axis in axes])
-    crossed = float((problem.delta * np.abs(speeds.extremes).max(axis=0) / widths).sum())
-    why = f"{multiplied(problem, tubes, count, 'cells')}, an interval in {proof.parts} parts"
-    return Cost(OPERATIONS * (first + rest), RUNTIME + proof.peak_bytes, tubes, OPERATIONS * first, crossed, why)
 
 
 @dataclass(frozen=True)

@@ -651,6 +651,9 @@ class CellSets:
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
+    def begin(self) -> None:
+        """Nothing: the proof is prepared when the sets are made."""
+
     def write_goal(self, step: int) -> None:
         """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as (step, 0)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)

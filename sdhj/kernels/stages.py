@@ -42,7 +42,6 @@ class Layout(NamedTuple):
     ghosts: int
     chunks: int
     periodic: bool  # the last axis
-    planes: FloatArray  # those that are written
 
 
 @_inlined
@@ -334,16 +333,16 @@ def _fill_ghosts(plane, layout, begin, end):
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
 def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
-    """One thread's share of `stage` for one input, written to `out`: share number share[0] of share[1].
+    """One thread's share of `stage`, written to `out`: share number share[0] of share[1].
 
     The pieces shared are the chunks of all planes of the layout; ghost nodes are set. scheme : (order, flux), choices;
-    the other arguments as for `stage`, of one input.
+    the other arguments as for `stage`.
     """
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
-    size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
+    size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
-        place = task // layout.chunks
-        plane, chunk = layout.planes[place], task - place * layout.chunks
+        plane = task // layout.chunks
+        chunk = task - plane * layout.chunks
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
@@ -357,38 +356,26 @@ def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
-@_inlined
-def _of_input(velocities, j):
-    """The velocities of input j alone: a tuple of the form that `stage` takes, without the leading axis."""
-    if len(velocities) == 1:
-        return (velocities[0][j],)
-    if len(velocities) == 2:
-        return velocities[0][j], velocities[1]
-    return velocities[0][j], velocities[1], velocities[2][j], velocities[3][j]
-
-
 @kernel(parallel=True, least=FEW)
 def stage(phi, out, obstacle, velocities, order, flux, layout, step):
-    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`.
+    """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`.
 
     Ghost nodes of `out` are set as well; `out` is modified in place. Where keep is 0, what was in `out` does not
     matter.
 
-    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid.
-    obstacle : the obstacle function, for all inputs, likewise; or (0,) for none.
+    phi, out : values as `Layout` has them, an axis of the array for each of the grid.
+    obstacle : the obstacle function, likewise; or (0,) for none.
     velocities : a tuple, whose length says what is in it when this is compiled.
         (box,): the lower velocities of all axes, then the upper ones, divided by dx.
         (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx of all
         axes.
         (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes),
         by Lax-Friedrichs: H = max over modes of p . drift + sum_d |p . gain_d|; the box gives the dissipation.
-        Any of them has one plane instead of all where it does not depend on the state. All but `inverse` have a leading
-        axis for the inputs.
+        Any of them has one plane instead of all where it does not depend on the state.
     order, flux : choices (`choice`) of `DIFFERENCES` and of `HAMILTONIANS`.
     layout : the `Layout`.
     step : (dt, keep).
     """
-    blocks = min(layout.planes.size * layout.chunks, BLOCKS)
-    for task in prange(phi.shape[0] * blocks):
-        j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
-        _stage_share(phi[j], out[j], obstacle, _of_input(velocities, j), (order, flux), layout, step, share)
+    blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
+    for block in prange(blocks):
+        _stage_share(phi, out, obstacle, velocities, (order, flux), layout, step, (np.int64(block), blocks))

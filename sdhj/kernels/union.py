@@ -157,7 +157,7 @@ def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch
 
 
 @kernel(parallel=True, least=FEW)
-def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which):
+def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before):
     """tube = min(before, max(reach_j, avoid_j)) for `count` inputs j from `first` on, and marks where max(...) <= 0.
 
     tube (R, B), marks (bytes, R, B) uint8 : the grid in rows, both modified in place. before (R, B) : may be `tube`.
@@ -168,13 +168,10 @@ def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which)
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
         values, and of them at[p, i] belong to line i of the grid.
     avoid_rows : the `AvoidRows`.
-    which : (n,), the rows that are computed; others are left as they are.
     """
-    rows, size = which.size, tube.shape[1]
+    rows, size = tube.shape
     blocks = min(rows, BLOCKS)
     for block in prange(blocks):
         found, row_values = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
-        for place in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
-            _add_to_row(
-                tube, marks, reach_sets, (first, first + count), avoid_rows, before, which[place], (found, row_values)
-            )
+        for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
+            _add_to_row(tube, marks, reach_sets, (first, first + count), avoid_rows, before, row, (found, row_values))

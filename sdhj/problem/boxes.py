@@ -20,16 +20,7 @@ from sdhj.problem.grid import Grid, Window
 Nodes = Sequence[slice]  # of each axis
 Spans = tuple[tuple[float, float], ...]
 INTERPOLATIONS = ("linear", "limited")
-A_READ = 0.25  # of an operation: what reading a node takes
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
-
-
-def nodes_read(cells: float) -> int:
-    """How many nodes to each side are read for a shift by up to `cells` >= 0 cells, or the maximum over so large a box.
-
-    floor(cells) + 2, as the limited second difference reads one node more; 0 for 0 cells.
-    """
-    return math.floor(cells + 1e-9) + 2 if cells else 0
 
 
 @lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
@@ -218,21 +209,6 @@ def maxima(
             whole = Maxima(first, len(axis_maxima.parent), found, axis_maxima.axis, leaves)
             found = whole.of() if axis_maxima is not axes_maxima[-1] else found
         yield whole
-
-
-def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """How many operations (`sdhj.problem.cost`) `maxima` takes over boxes with corners low, high (L, ndim).
-
-    For each node of the grid and each interval along an axis, `A_READ` times (4 + the nodes in the interval, those of
-    the axis at most). low, high : in the axes' units.
-    """
-    corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
-    for _, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
-        for axis_maxima in axes_maxima:
-            n, spacing = grid.shape[axis_maxima.axis], grid.spacing[axis_maxima.axis]
-            widths = [4 + min((b - a) / spacing, n) for a, b in axis_maxima.spans]
-            reads += sum(widths[which] for which in axis_maxima.which)
-    return A_READ * reads * grid.size
 
 
 def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:

@@ -55,7 +55,7 @@ class ReachAvoidProblem(Sampled):
         N, the number of sampling intervals. None: as many as it takes until one more changes nothing, to reach the
         target eventually or to stay safe for ever, by method "certified"; nothing may then depend on time. The table's
         problem has the number.
-        Where anything depends on time there are N (N + 1) / 2 tubes instead of N: `sdhj.estimate` says what that costs.
+        Where anything depends on time there are N (N + 1) / 2 tubes instead of N.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
         times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.

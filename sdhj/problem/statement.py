@@ -19,6 +19,7 @@ from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, TargetSet, UnsafeSet
 from sdhj.problem.steepness import growth_bound, lipschitz_bounds
 
+ENDLESS_STEPS = 100  # that are counted where a problem has no number of steps
 FOREVER = 1000  # steps at most for a problem without a number of steps
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 

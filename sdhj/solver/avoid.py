@@ -5,7 +5,7 @@ to the nearer end. On the grid itself no state could cross an end, so this avoid
 extends past the ends, as far as one interval can lead; there the dynamics are those at the end.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,6 @@ from sdhj.problem.grid import Grid, PaddedGrid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
-from sdhj.solver.former import Former
-from sdhj.solver.games import Games
 from sdhj.solver.schemes import checked_travel
 
 MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
@@ -47,6 +45,11 @@ class Danger(NamedTuple):
     unsafe_set: UnsafeSet
     inside: tuple[slice, ...]
 
+    @property
+    def game_axes(self) -> tuple[int, ...]:
+        """The axes of its problem's grid on which the game is played, ascending."""
+        return self.problem.avoid_axes(self.unsafe_set)
+
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
     """The avoid games of a problem: of each unsafe set, then of the unsafe ends of each axis that has them.
@@ -67,25 +70,20 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
     return found + [_ends_as_danger(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
 
-def avoid_tubes_of(
-    games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None
-) -> FloatArray:
+def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> FloatArray:
     """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), > 0 in danger.
 
     -inf for inputs under which the set is not unsafe.
 
-    games : those of `danger.problem`, which solve the tubes unless `former` has them.
-    inside : a slice for each axis of what `games.avoid` returns, without the axis of inputs: the wanted nodes.
-    former : the former solve, or None. The tubes are appended to what it keeps for the next solve, so steps have to be
-        asked in order, 0 first.
+    games : those of `danger.problem`.
+    out : (L, *grid of the game), written over; the result is a view of it.
     """
-    found = former.tube(danger, step) if former else None
-    if found is None:
-        found = games.avoid(danger.unsafe_set, step)[(slice(None), *inside)]
-        found[~danger.unsafe_set.counts(np.arange(len(found)))] = -np.inf
-    if former:
-        former.keep(danger, found)
-    return found
+    if hasattr(games, "grouped_reach_sets"):
+        games.avoid(danger.unsafe_set, step, out)
+    else:  # games of users
+        out[...] = games.avoid(danger.unsafe_set, step)
+    out[~danger.unsafe_set.counts(np.arange(len(out)))] = -np.inf
+    return out[(slice(None), *danger.inside)]
 
 
 def never_met_finding(unsafe_set: UnsafeSet) -> Finding:

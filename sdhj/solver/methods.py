@@ -12,10 +12,9 @@ from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
 from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.former import Former
-from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
+from sdhj.solver.games import HJIGames, HopfLaxGames
 from sdhj.solver.recursion import GridSets, TubeSets
-from sdhj.solver.schemes import DTYPES, Scheme
+from sdhj.solver.schemes import DTYPES, Scheme, checked_scheme
 
 
 class Method(Protocol):
@@ -40,11 +39,6 @@ class HJI(Options):
     ----------
     scheme : Scheme
         How the equations are discretised.
-    games : {"decomposed", "joint"}
-        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets the joint PDE is solved
-        as by `Scheme(frame="fixed")`, because in coordinates that move with the drift these sets would move
-        differently for each input. It is more diffusive, and may promise what lies in a gap between pieces of a tube
-        (`sdhj.solver.gaps`); it is there to be compared with.
 
     Raises
     ------
@@ -53,47 +47,37 @@ class HJI(Options):
 
     Examples
     --------
-    The share of the states from which the target is reached within 3 steps, by the games apart and by the joint one:
+    The share of the states from which the target is reached within 3 steps, with differences of two orders:
 
     >>> import sdhj
     >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
-    >>> methods = sdhj.HJI(), sdhj.HJI(games="joint")
+    >>> methods = sdhj.HJI(), sdhj.HJI(sdhj.Scheme(order=1, frame="fixed"))
     >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in methods]
-    [0.18, 0.16]
+    [0.18, 0.15]
     """
 
     scheme: Scheme = field(default_factory=Scheme)
-    games: str = "decomposed"
     name: ClassVar[str] = "hji"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where `games` or `scheme` does not fit."""
-        option("games", self.games, ("decomposed", "joint"))
-        if not isinstance(self.scheme, Scheme):
-            raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
+        """Check the scheme; ValueError where it is none."""
+        checked_scheme(self.scheme)
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options as plain values by name, those of the scheme among them; a table's details have them."""
-        return {"games": self.games} | vars(self.scheme)
+        """The options of the scheme as plain values by name; a table's details have them."""
+        return dict(vars(self.scheme))
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
-        """The games of the intervals of a problem, on some axes, by default all; `JointGames` if games="joint".
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
+        """The games of the intervals of a problem, on some axes, by default all."""
+        return HJIGames(problem, self.scheme, axes)
 
-        window : keywords of `sdhj.solver.games.HJIGames`, for a problem on a window of a larger grid.
-        """
-        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`.
 
-        Checks memory, states the cost and solves the avoid games. MemoryError if the solve does not fit into memory;
-        ValueError if the method does not fit the problem.
-
-        progress : ignored; the progress bar is the caller's.
-        former : an earlier solve, from which all that cannot differ is copied; None: none.
+        ValueError if the method does not fit the problem. progress : ignored; the progress bar is the caller's.
         """
-        return GridSets(problem, self, former)
+        return GridSets(problem, self)
 
 
 @dataclass(frozen=True)
@@ -141,14 +125,11 @@ class HopfLax(Options):
         """All options as plain values by name; a table's details have them."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
-        """The games of the intervals of a problem by the Hopf-Lax formula, on some axes, by default all.
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
+        """The games of the intervals of a problem by the Hopf-Lax formula, on some axes, by default all."""
+        return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
 
-        window : as for `HJI.on`; `counted` is not used, as a formula has no time steps.
-        """
-        return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`; otherwise as `HJI.sets`.
 
         Warns where v does not enter linearly and moves several axes, as the velocities are then replaced by a box
@@ -161,4 +142,4 @@ class HopfLax(Options):
             )
             remedy = f'use method="hji", which cuts its range into {pieces} pieces'
             tell(Finding(f"{cause}velocities, and finer grids do not help; ", pieces, remedy))
-        return GridSets(problem, self, former)
+        return GridSets(problem, self)

@@ -24,7 +24,7 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -107,8 +107,6 @@ class ProjectedGames:
     free : dict
         For each unsafe set that had to be projected, by its position in problem.unsafe, the largest share of a
         subspace, 0 to 1, that is outside its outer projection. `avoid` fills it in.
-    crossed : float
-        The most cells that the state crosses in an interval, as `operations` has found.
     dtype : str
     """
 
@@ -120,7 +118,6 @@ class ProjectedGames:
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by position in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
         self.free: dict[int, float] = {}
-        self.crossed = 0.0
         self.dtype = self.on(subspaces[0]).dtype
 
     @property
@@ -138,22 +135,6 @@ class ProjectedGames:
         if axes not in self._games:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
-
-    def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """As `sdhj.solver.games._OnAxes.operations`: an estimate of the operations of all inputs, on all subspaces.
-
-        axes : those that the avoid tubes depend on; ignored for a reach game, which is played on all subspaces.
-        avoid : whether it is an avoid game; else it is a reach game.
-        """
-        everything = tuple(range(self.problem.grid.ndim))
-        if not avoid:
-            found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
-        elif any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            found = self.on(everything).operations(axes, step, avoid)
-        else:
-            found = sum(self.on(kept).operations(kept, step, avoid) for kept in self._kept(axes))
-        self.crossed = max([self.crossed, *(games.crossed for games in self._games.values())])
-        return found
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
         """s_p(x) = max over the dropped coordinates w of s(x, w), at the nodes of the subgrid of `axes`.
@@ -178,7 +159,8 @@ class ProjectedGames:
         values : (*shape) on the whole grid.
         """
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
-        shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
+        whole = tuple(n - low - high for n, (low, high) in zip(grid.shape, grid.padding, strict=True))
+        shapes = [(count, *(whole[axis] for axis in axes)) for axes in self.subspaces]
         flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
         for axes, shape in zip(self.subspaces, shapes, strict=True):
             begin, end = end, end + math.prod(shape)
@@ -189,16 +171,17 @@ class ProjectedGames:
                     some.of(into=these)
                 else:
                     these[:] = some.of()
-        yield Pieces(0, grid, pieces, self.subspaces, flat)
+        yield Pieces(0, whole, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j (*shape)) for every input in turn, on the whole grid: inside the true reach set."""
         return one_by_one(self.grouped_reach_sets(values, step))
 
-    def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
+    def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
         """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
 
-        Returns (L, *subgrid of problem.avoid_axes(unsafe_set)), <= 0 where an input stays clear of the set.
+        Returns (L, *subgrid of problem.avoid_axes(unsafe_set)), <= 0 where an input stays clear of the set. out : where
+        they are written; None: to a new array.
 
         If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
         the safe states for the outer projections to the subspaces are united, and `free` is updated. If no subspace
@@ -208,7 +191,8 @@ class ProjectedGames:
         axes = problem.avoid_axes(unsafe_set)
         grid = problem.grid.subgrid(axes)
         if any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            return self.on(tuple(range(problem.grid.ndim))).avoid(unsafe_set, step)
+            return self.on(tuple(range(problem.grid.ndim))).avoid(unsafe_set, step, out)
+        out = np.empty((len(problem.inputs), *grid.shape), self.dtype) if out is None else out
         obstacle, kept = ObstacleFunction.of(problem, unsafe_set, axes), self._kept(axes)
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
@@ -221,13 +205,14 @@ class ProjectedGames:
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
             obstacles = obstacle.values_over(*problem.span(step))
             self._note_free(unsafe_set, float(obstacles.max() < 0))
-            return np.full((len(problem.inputs), *grid.shape), obstacles.max(), self.dtype)
+            out.fill(obstacles.max())
+            return out
         tubes = []
         for keep in kept:
             obstacle_on = ObstacleFunction(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), obstacle.instant)  # type: ignore[misc]
             tubes.append(self.on(keep).tubes(obstacle_on, step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
-        return united(grid, tubes, local)
+        return united(tubes, local, out)
 
     def _kept(self, axes: Axes) -> list[Axes]:
         """Which of some axes each subspace keeps, without those that keep none, or a part of what another keeps.
@@ -257,74 +242,67 @@ class ProjectedGames:
 class ProjectedSets(GridSets):
     """`GridSets` of method "projected", whose table also says how much the projections lose.
 
-    The entries (k, 0) are written when the sets are made.
-
     Attributes
     ----------
     games : ProjectedGames
     goals : dict
-        By the step k, the position in the table's tubes at which the entry (k, 0) was written.
+        By the step k, the position in the table's tubes at which the entry (k, 0) was written by `begin`.
     losses : dict
-        What `_find_losses` returns, found when the sets are made.
+        "target_kept": for each subspace the share, 0 to 1, of the volume of the safe target (the target minus the
+        unsafe sets) that the inner projection keeps, the largest over the steps. "free": for each unsafe set that had
+        to be projected, by its name, the largest share of a subspace outside its outer projection.
     """
 
     games: ProjectedGames
 
-    def __init__(self, *given: Any) -> None:
-        """Make the `GridSets`, find how much the projections lose (`losses`), and warn where nothing is left."""
-        super().__init__(*given)
+    def begin(self) -> None:
+        """As `GridSets.begin`; also write the entries (k, 0), and look over what is left."""
+        super().begin()
         self.goals: dict[int, int] = {}
-        self.losses = self._find_losses()
-        tell(*self.empty_findings())
+        for step in self.rows_of_entries:
+            super().write_goal(step)
+            self.goals[step] = self.place(step, 0)
+        self.look_over(lambda step: self.tubes[self.goals[step]], self.games.free)
 
     def write_goal(self, step: int) -> None:
-        """Write the entry (step, 0): copy the tube that `_find_losses` has written to where the entry lies now.
+        """Write the entry (step, 0): copy the tube that `begin` has written to where the entry lies now.
 
-        Nothing is done if it lies where `_find_losses` wrote it; an entry moves up as tubes before it are shared.
+        Nothing is done if it lies where `begin` wrote it; an entry moves up as tubes before it are shared.
         """
-        place = self.table.tube_index(step, 0)
-        if place != self.goals[step]:
-            self.table.tubes[place] = self.table.tubes[self.goals[step]]
+        if (place := self.place(step, 0)) != self.goals[step]:
+            self.tubes[place] = self.tubes[self.goals[step]]
 
-    def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table of `GridSets`, with `losses` and the sentences of all warnings in details["projection"].
+    def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
+        """Find how much the projections lose (`losses`), and warn where nothing is left.
+
+        goal : a step's entry (step, 0), (*shape). free : `ProjectedGames.free` after all avoid games.
+        """
+        games, grid = self.games, self.problem.grid
+
+        def share(values: FloatArray, axes: Axes) -> float:
+            """The volume of the inner projection of {values <= 0} to some axes over its own; 0 if that is 0."""
+            whole = grid.fraction(values <= 0)
+            return grid.subgrid(axes).fraction(games.inner_projection(values, axes) <= 0) / whole if whole > 0 else 0.0
+
+        kept = [0.0] * len(games.subspaces)
+        for step in self.rows_of_entries:
+            kept = [max(most, share(goal(step), axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
+        self.losses: dict[str, Any] = {
+            "target_kept": kept,
+            "free": {self._name(at): one for at, one in sorted(free.items())},
+        }
+        tell(*self.empty_findings())
+
+    def said_of(self, table: LookupTable) -> dict[str, Any]:
+        """`losses` and the sentences of all warnings as "projection", for the table's details.
 
         Warns if the tubes never grow beyond the target, unless the cause has been warned of before.
         """
-        table, found = super().finish(details), self.empty_findings()
+        found = self.empty_findings()
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
             tell(found[0])
-        told = self.losses | {"warnings": [str(one) for one in found]}
-        return replace(table, details={**table.details, "projection": told})
-
-    def _find_losses(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion; plays no game. Writes the entries (k, 0) and `goals`.
-
-        The avoid games have been played before, and have filled in `games.free`.
-
-        Returns
-        -------
-        dict
-            "target_kept": for each subspace the share, 0 to 1, of the volume of the safe target (the target minus the
-            unsafe sets) that the inner projection keeps, the largest over the steps. "free": for each unsafe set that
-            had to be projected, by its name, the largest share of a subspace outside its outer projection.
-        """
-        games, problem = self.games, self.problem
-        grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
-
-        def share(goal: FloatArray, axes: Axes) -> float:
-            """The volume of the inner projection of {goal <= 0} to some axes over its own; 0 if that is 0."""
-            whole = grid.fraction(goal <= 0)
-            return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
-
-        kept = [0.0] * len(games.subspaces)
-        for k in starts:
-            super().write_goal(k)
-            self.goals[k] = self.table.tube_index(k, 0)
-            goal = self.table.value_array(k, 0)
-            kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
-        return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
+        return {"projection": self.losses | {"warnings": [str(one) for one in found]}}
 
     def _name(self, position: int) -> str:
         """The name of an unsafe set, by its position in problem.unsafe; with its number, from 1, if others have it."""
@@ -412,9 +390,8 @@ class Projected(Options):
 
     def __post_init__(self) -> None:
         """Check the inner method and the subspaces, which become tuples; ValueError where one does not fit."""
-        shown = reprlib.repr(self.inner)
-        if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
-            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {shown}")
+        if not isinstance(self.inner, HJI | HopfLax):
+            raise ValueError(f"inner must be a sdhj.HJI or a sdhj.HopfLax, got {reprlib.repr(self.inner)}")
         if self.subspaces is None:
             return
         given: Any = self.subspaces
@@ -434,8 +411,7 @@ class Projected(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`.
 
-        Checks memory, states the cost, solves the avoid games, and warns where a projection is empty. ValueError where
-        the subspaces are not of the problem's grid.
+        ValueError where the subspaces are not of the problem's grid.
         """
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options

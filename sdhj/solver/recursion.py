@@ -10,40 +10,38 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.union import AvoidRows, add_inputs
-from sdhj.problem.boxes import Maxima
-from sdhj.problem.cost import Cost, begin, multiplied
+from sdhj.problem.boxes import Maxima, one_by_one
 from sdhj.problem.findings import tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.sets import LARGEST, UnsafeSet
+from sdhj.problem.sets import LARGEST
 from sdhj.problem.uncertain import eroded_by_error, must_lead_into
 from sdhj.solver.avoid import avoid_tubes_of, dangers, never_met_finding
-from sdhj.solver.former import Former, Patch
-from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends
-from sdhj.solver.resolution import check_crossing, check_resolution
-from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, read_window
-from sdhj.table.batches import Table
-from sdhj.table.store import Memory, Store
-from sdhj.table.table import AvoidTubes, LookupTable
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
+from sdhj.solver.resolution import check_resolution
+from sdhj.table.batches import Table, entry
+from sdhj.table.table import AvoidTubes, LookupTable, entries
 
+ARRAYS = "tubes", "marks", "avoid_static", "avoid_moving"  # of a table
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
-STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
+AT_WORK = 12  # arrays of a tube's size in which the games of an interval are played
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
 class TubeSets(Protocol):
     """All tubes S_k with n steps to go, in some representation: the operations that Theorem 2 needs.
 
-    `recursion` calls `write_goal` once for each step k, then `extend` or `repeat` for n = 1, 2, ... in order, and asks
-    `unchanged` only of entries that have been filled in. `finish` is called last, once.
+    `recursion` calls `begin` first, once, then `write_goal` once for each step k, and `extend` or `repeat` for n = 1,
+    2, ... in order. It asks `unchanged` only of entries that have been filled in. `finish` is called last, once.
 
     Attributes
     ----------
@@ -58,6 +56,9 @@ class TubeSets(Protocol):
     """
 
     time_invariant: bool
+
+    def begin(self) -> None:
+        """Prepare what does not belong to one entry, such as avoid tubes."""
 
     def write_goal(self, step: int) -> None:
         """Write the entry (step, 0): the target minus the unsafe sets, at the time of the step."""
@@ -83,6 +84,7 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
     `sets.repeat` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the
     target appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
     """
+    sets.begin()
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
         sets.write_goal(step)
         for within in range(1, steps - step + 1):
@@ -91,71 +93,6 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
             else:
                 sets.extend(step, within)
             done()
-
-
-def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
-    """Upper estimate of the bytes that a solve in memory by a method on the grid needs at its peak, in one slab.
-
-    It includes the process itself, the table, the avoid tubes, samples and intermediate results, but not what the
-    problem's own functions allocate. dtype : of the values, "float32" or "float64".
-    """
-    grid, count, dynamics, found = problem.grid, len(problem.inputs), problem.dynamics, dangers(problem)
-    layout = Plan(problem, HJIGames, dtype, tuple(map(AvoidGame, found))).layout
-    past, times = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim, 1
-    # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
-    wide = [danger.problem.grid for danger in found if danger.problem.grid != grid]
-    copied = np.dtype(dtype).itemsize * count * max([0, *(one.size for one in wide)])
-    if dynamics.depends_on_time and not dynamics.stateless:  # of an interval at a time, at each of its time steps
-        speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
-        times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
-    arrays = 12 + (count if problem.sensing.jitter else 0)  # the reach sets of all inputs, while an interval may end
-    played = (bytes_of_games(problem, one, dtype, arrays, times) for one in (grid.extended(past), *wide))
-    return PROCESS + layout.nbytes + copied + max(played)
-
-
-def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
-    """The cost of a solve by the model of `sdhj.problem.cost`; None if the games have no `operations`.
-
-    The halos of slabs are included. nbytes, disk : the bytes of memory and of disk that the solve takes, only copied
-    into the `Cost`. Warns (`check_crossing`) where the state crosses so many cells in an interval that a unit must be
-    wrong.
-    """
-    problem, slabs = plan.problem, plan.layout.slabs
-    games: Any = plan.whole_games if slabs == 1 else plan.make_games(problem, counted=plan.counted)
-    if not hasattr(games, "operations"):
-        return None
-    played, steps, timed = problem.padded, problem.steps, problem.dynamics.depends_on_time
-    looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
-
-    def share(grid: Grid, axis: int | None, halo: int) -> float:
-        """How much larger all slabs with their halos are than the grid: slabs (width + 2 halo) / nodes along `axis`.
-
-        It is 1 where there is one slab, and where `axis`, along which this grid is cut, is None.
-        """
-        n = 1 if axis is None or slabs == 1 else grid.shape[axis]
-        return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
-
-    tubes, once, crossed = steps if problem.time_invariant else steps * (steps + 1) // 2, 0.0, 0.0
-    for danger, axis, _, halo, counted in plan.games:
-        own = danger.problem
-        playing: Any = games
-        if own is not played or slabs > 1:
-            playing = plan.make_games(own, counted=counted) if counted else plan.make_games(own)
-        each = [playing.operations(own.avoid_axes(danger.unsafe_set), step, avoid=True) for step in looked]
-        once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
-        crossed = max(crossed, playing.crossed)
-    whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
-    each = [games.operations(whole, step) * shared + len(problem.inputs) * problem.grid.size for step in looked]
-    crossed = max(crossed, games.crossed)
-    check_crossing(problem, crossed)
-    why = multiplied(problem, tubes, problem.grid.size, "nodes") + (f", in {slabs} slabs" if slabs > 1 else "")
-    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why, disk)
-
-
-def no_avoid_tubes(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
-    """The avoid tubes of a problem with nothing to avoid: on no axes, -inf; static (L,) and moving (most_steps, L)."""
-    count = len(problem.inputs)
-    return AvoidTubes((), np.full(count, -np.inf, dtype), (), np.full((problem.most_steps, count), -np.inf, dtype))
 
 
 class InputRows:
@@ -174,8 +111,6 @@ class InputRows:
         How many of the last axes a row joins.
     size : int
         Nodes of a row.
-    all_rows : (R,) int array
-        The numbers of all rows.
     row_widths : list of int
         For the static and for the moving avoid tubes: numbers that they have for a row, `size` or 1.
     static : (L, parts, row_widths[0]) array
@@ -196,7 +131,6 @@ class InputRows:
             if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
         self.last, self.size = last, math.prod(grid.shape[-last:])
-        self.all_rows = np.arange(grid.size // self.size)
         self.row_widths = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.row_widths[0])
@@ -241,13 +175,6 @@ class InputRows:
             self._known_lines[axes, number] = starts, at, widths, nodes
         return self._known_lines[axes, number]
 
-    def of_planes(self, planes: FloatArray) -> FloatArray:
-        """The numbers (R',) of the rows that have nodes in the marked planes, `planes` (*shape[:-2]) bool."""
-        axes, lead = self.grid.ndim - self.last, planes.ndim
-        if axes > lead:  # lines
-            planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
-        return np.flatnonzero(planes.any(axis=tuple(range(axes, lead))))
-
     def add(
         self,
         tube: FloatArray,
@@ -255,7 +182,6 @@ class InputRows:
         reach_sets: Maxima | Pieces,
         step: int,
         start: FloatArray,
-        some: FloatArray | None = None,
     ) -> None:
         """Write the union of `start` and of the reach-avoid sets of some inputs into `tube`, and mark these inputs.
 
@@ -268,11 +194,10 @@ class InputRows:
         reach_sets : level-set functions of the reach sets of successive inputs.
         step : the position of the interval's step in `tubes.moving`.
         start : (*shape), may be `tube` itself.
-        some : the numbers of the rows in which this is done, by default all; other rows of `tube` and `marks` stay.
         """
         behind = math.prod(self.grid.shape[reach_sets.axis + 1 :]) if isinstance(reach_sets, Maxima) else 0
         if isinstance(reach_sets, Maxima) and behind % self.size:
-            reach_sets = Pieces(reach_sets.first, self.grid, [reach_sets.of()], [tuple(range(self.grid.ndim))])
+            reach_sets = Pieces(reach_sets.first, self.grid.shape, [reach_sets.of()], [tuple(range(self.grid.ndim))])
         if isinstance(reach_sets, Maxima):
             found: tuple[Any, ...] = (reach_sets.split, *reach_sets.leaves)
         else:
@@ -282,7 +207,6 @@ class InputRows:
         avoid_rows = AvoidRows(
             self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.row_widths[1]), self.moving_at
         )
-        some = self.all_rows if some is None else some
         add_inputs(
             self.as_rows(tube),
             self.as_rows(marks, 1),
@@ -291,143 +215,7 @@ class InputRows:
             reach_sets.first,
             avoid_rows,
             self.as_rows(start),
-            some,
         )
-
-
-def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, int]:
-    """The avoid tubes of a task's slab as `InputRows`, and the position of the task's step in their moving tubes.
-
-    In a solve with one slab, `InputRows` of all steps are made once and kept in `plan.kept`; for joint games, whose
-    reach sets avoid everything already, without avoid tubes, unless the grid has unsafe ends. In a solve with several,
-    those of this slab and step are read from `arrays` for each task, and the position is 0.
-    """
-    layout, problem = plan.layout, plan.problem
-    axes = layout.axes("avoid_static"), layout.axes("avoid_moving")
-    if layout.slabs == 1:
-        if "rows" not in plan.kept:
-            # whether the reach sets avoid everything already: joint games know of no unsafe ends
-            joint = getattr(plan.whole_games, "joint", False) and not problem.grid.has("fails")
-            plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
-        return plan.kept["rows"], task.step
-    static = arrays.read("avoid_static", 0, layout.runs("avoid_static", task.slab))
-    moving = arrays.read("avoid_moving", task.step, layout.runs("avoid_moving", task.slab))
-    return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
-
-
-def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[bool], str]:
-    """Do a task on its slab and write the result into `arrays`. Returns (the task, danger, digest).
-
-    Avoid tubes and earlier entries must be in `arrays` before a task of kind "extend". It may run in another process,
-    on a pickled plan; the caller enters the slab in the ledger. danger : for each avoid game of the task's kind whether
-    any node of the slab is in danger, [] for other tasks. digest : what `arrays.record_finished` takes.
-    """
-    met: list[bool] = []
-    if task.kind in plan.avoid:
-        values, met = _avoid(plan, arrays, task)
-    else:
-        values = (_goal if task.kind == "goal" else _extend)(plan, arrays, task)
-    return task, met, arrays.write(task.written, values)
-
-
-def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """The entry (step, 0) on a task's slab, the target minus the unsafe sets: [tube, marks], for `arrays.write`.
-
-    With a `Sensing` the tube is eroded by the box E of the prediction error. All marks are 0.
-    """
-    problem = plan.problem
-    part = problem.on(plan.slab(task.slab))
-    tube, marks = arrays.buffers(task.written)
-    tube[...] = eroded_by_error(part, part.goal(task.step))
-    return [tube, marks]
-
-
-def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """The entry (step, within) of a task on its slab, [tube, marks] as `arrays.write` takes them.
-
-    tube = min(entry with a step less to go, max(reach_j, avoid_j) for all j); without a target max(that entry, min over
-    j). Reads the entries `task.before` and `task.after` and the avoid tubes from `arrays`. With `plan.kept["patch"]`
-    only the rows that it names are computed, and the others are copied from the former solve.
-    """
-    problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
-    window, games = plan.games_on_slab(task.slab)
-    before, played = arrays.read("tubes", task.before, runs), problem.padded.grid
-    values = must_lead_into(problem, read_window(arrays, "tubes", task.after, window))
-    if played != problem.grid:
-        values = np.pad(values, played.padding, "edge")
-    (rows, step), (tube, marks) = _rows(plan, arrays, task), arrays.buffers(task.written)
-    start = np.full_like(before, np.inf) if problem.has_no_target else before
-    patch: Patch | None = plan.kept.get("patch")
-    for some in _reach_sets(problem, games, values, task.step, patch):
-        rows.add(tube, marks, some, step, start, rows.of_planes(patch.rows) if patch else None)
-        start = tube
-    if patch:
-        patch.copy_rest(tube, marks)
-    if problem.has_no_target:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
-        np.maximum(tube, before, out=tube)
-    return [tube, marks]
-
-
-def must_write_out(problem: ReachAvoidProblem, games: Any) -> bool:
-    """Whether reach sets have to be written out on the grid, input by input, before they are united.
-
-    They have to on a padding, with a `Sensing`, and where the games have no `grouped_reach_sets`.
-    """
-    padded = problem.padded.grid != problem.grid
-    return not hasattr(games, "grouped_reach_sets") or padded or bool(problem.sensing)
-
-
-def _reach_sets(
-    problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int, patch: Patch | None
-) -> Iterator[Maxima | Pieces]:
-    """Yield the reach sets of all inputs for the set {values <= 0} to be in at the end of the interval from a step.
-
-    Some inputs come at a time, all of one byte of marks together, on the problem's grid without its padding. With a
-    `Sensing` that has no memory the reach sets are eroded by the box E of the prediction error.
-
-    games : of `problem.padded`.
-    values : (*shape) on the padded grid.
-    patch : the part to be solved, for games with `patches`, or None for all; ignored where `must_write_out` is true.
-    """
-    if not must_write_out(problem, games):
-        yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
-        return
-    inner, reach_sets = problem.padded.grid.inner, games.reach(values, step)
-    kept = (lambda phi: phi) if problem.sensing.remembers else (lambda phi: eroded_by_error(problem, phi))
-    yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach_sets))
-
-
-def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatArray], list[bool]]:
-    """The avoid tubes of all inputs, of all avoid games of a task's kind, on its slab, and which games have danger.
-
-    Returns [tubes (L, *subgrid)], as `arrays.write` takes it, and for each avoid game of the kind whether any node is
-    in danger, that is whether a value is > 0. The tubes are the maximum over the dangers, and with a `Sensing` eroded
-    by the box E. Avoid games that do not depend on the cut axis are solved on all of their grid. Where there are
-    several games, the tubes of each are also kept in `plan.former`, if that is given.
-    """
-    problem, layout, kept = plan.problem.padded, plan.layout, plan.layout.axes(task.kind)
-    grid = problem.grid if layout.slabs == 1 else plan.slab(task.slab)
-    (total,), met, shape = arrays.buffers(task.written), list[bool](), (layout.inputs, *(grid.shape[i] for i in kept))
-    if total.shape != shape:  # with a padding
-        total = np.empty(shape, plan.dtype)
-    keeps = plan.former if len(plan.avoid[task.kind]) > 1 else None
-    for game in plan.avoid[task.kind]:
-        danger = game.danger
-        games, inside = plan.avoid_games_on_slab(game, task.slab)
-        found = avoid_tubes_of(games, danger, inside, task.step, keeps)
-        first = not met
-        met.append(bool(found.max() > 0))
-        if first and not keeps and found.flags.carray and (found.shape, found.dtype) == (shape, total.dtype):
-            total = found
-            continue
-        at = [kept.index(i) for i in danger.axes]
-        for out, tube in zip(total, found, strict=True):
-            lifted = np.expand_dims(tube, [i for i in range(len(kept)) if i not in at])
-            np.maximum(lifted if first else out, lifted, out=out)
-    for tube in total if problem.sensing else ():
-        tube[:] = eroded_by_error(problem, np.maximum(tube, -LARGEST), kept)  # -inf times 0 is no number
-    inner = (slice(None) if layout.slabs > 1 else problem.grid.inner[axis] for axis in kept)
-    return [np.ascontiguousarray(total[(slice(None), *inner)])], met
 
 
 class GridMethod(Protocol):
@@ -448,20 +236,335 @@ class GridMethod(Protocol):
         """The games of the intervals of a problem, on its whole grid; what they sample is kept with them."""
 
 
-class Slabs(NamedTuple):
-    """How a solve is cut into slabs, where its arrays lie, who does the tasks, and who is told of progress.
+class GridParts:
+    """The parts of a table that one process computes: avoid tubes, goals and entries, each on the whole grid.
 
-    plan : the cut and the games.
-    arrays : where tubes are read and written; None: in memory.
-    run : does tasks and yields for each, in any order, what `work` returns; None: `work` is called here, one after the
-        other.
-    tick : called with the number of slabs that have just been done, skipped or shared.
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    method : GridMethod
+    empty : callable (shape, dtype) -> array
+        Makes the arrays in which avoid tubes of all inputs are put together.
+    dtype : str
+        Of the values.
+    dangers : dict
+        The avoid games by the name of the array that has their tubes: "avoid_static", the same at all steps, or
+        "avoid_moving".
+    axes : dict
+        By the same names the axes of the grid on which these tubes depend, ascending; () where there is no danger.
     """
 
-    plan: Plan
-    arrays: Memory | Store | None = None
-    run: Callable[[list[Task]], Iterable[Any]] | None = None
-    tick: Callable[[int], Any] = lambda slabs: None
+    def __init__(self, problem: ReachAvoidProblem, method: GridMethod, empty: Callable[..., Any] = np.empty) -> None:
+        """The parts of the table of a problem by a method; nothing is computed yet."""
+        self.problem, self.method, self.empty = problem, method, empty
+        self.dtype: str = method.options.get("dtype", "float32")
+        kinds, found = {"avoid_static": False, "avoid_moving": True}, dangers(problem.padded)
+        self.dangers = {name: [one for one in found if one.moves == moves] for name, moves in kinds.items()}
+        self.axes = {name: tuple(sorted({i for one in some for i in one.axes})) for name, some in self.dangers.items()}
+
+    @cached_property
+    def games(self) -> Any:
+        """The games of the method on the problem's grid with its padding, made once."""
+        return self.method.on(self.problem.padded)
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """The shape of a whole array of the table: "tubes", "marks", "avoid_static" or "avoid_moving"."""
+        grid, count, steps = self.problem.grid, len(self.problem.inputs), self.problem.steps
+        if name in self.axes:
+            return *(steps,) * (name == "avoid_moving"), count, *(grid.shape[axis] for axis in self.axes[name])
+        tubes = steps + 1 if self.problem.time_invariant else entry(steps, steps, 0) + 1
+        return (tubes, *grid.shape) if name == "tubes" else (tubes, -(-count // 8), grid.size)
+
+    def kind(self, name: str) -> Any:
+        """The dtype of an array of the table."""
+        return np.dtype("uint8" if name == "marks" else self.dtype)
+
+    def write_avoid(self, name: str, step: int, out: FloatArray) -> set[int]:
+        """Write the avoid tubes of a step to `out`, of `shape(name)` without steps; returns which sets are met.
+
+        That is the positions in problem.unsafe of the sets of which some node is in danger. The tubes are the maximum
+        over all dangers of this name, and with a `Sensing` eroded by the box E.
+        """
+        problem, axes, met = self.problem.padded, self.axes[name], set[int]()
+        wide = len(out), *problem.grid.subgrid(axes).shape
+        total = out if out.shape == wide else self.empty(wide, self.dtype)
+        # one on all axes first, which is written where it stays
+        some = sorted(self.dangers[name], key=lambda one: one.axes != axes or one.problem.grid != problem.grid)
+        for number, danger in enumerate(some):
+            own = danger.problem.grid == problem.grid
+            if direct := own and danger.axes == axes and not number:
+                into = total
+            else:
+                into = self.empty((len(out), *danger.problem.grid.subgrid(danger.game_axes).shape), self.dtype)
+            if not (direct or number):
+                total.fill(-np.inf)
+            tubes = avoid_tubes_of(self.games if own else self.method.on(danger.problem), danger, step, into)
+            if tubes.max() > 0:
+                met |= {i for i, unsafe_set in enumerate(problem.unsafe) if unsafe_set == danger.unsafe_set}
+            for one, tube in zip(total, tubes, strict=True) if not direct else ():
+                lifted = np.expand_dims(tube, [place for place, axis in enumerate(axes) if axis not in danger.axes])
+                np.maximum(one, lifted, out=one)
+        for tube in total if problem.sensing else ():
+            tube[:] = eroded_by_error(problem, np.maximum(tube, -LARGEST), axes)  # -inf times 0 is no number
+        if total is not out:
+            out[...] = total[(slice(None), *(problem.grid.inner[axis] for axis in axes))]
+        return met
+
+    def write_goal(self, step: int, tube: FloatArray) -> None:
+        """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), to `tube` (*shape)."""
+        tube[...] = eroded_by_error(self.problem, self.problem.goal(step))
+
+    def write_entry(
+        self,
+        rows: "InputRows",
+        step: int,
+        before: FloatArray,
+        after: FloatArray,
+        tube: FloatArray,
+        marks: FloatArray,
+        *some: range,
+    ) -> None:
+        """Write an entry (step, within): the least of `before` and max(reach_j, avoid_j) for all inputs j, and marks.
+
+        Without a target it is the greatest of `before` and the least of these.
+
+        rows : of the avoid tubes.
+        before, after : (*shape), the entries (step, within - 1) and (step + 1, within - 1).
+        tube : (*shape), written over.
+        marks : (bytes, nodes) uint8, 0 at first.
+        some : the inputs that are meant, for games whose inputs are `apart`; by default all.
+        """
+        problem, values = self.problem, must_lead_into(self.problem, after)
+        if problem.padded.grid != problem.grid:
+            values = np.pad(values, problem.padded.grid.padding, "edge")
+        start = np.full(tube.shape, np.inf, tube.dtype) if problem.has_no_target else before
+        for reach_sets in self._reach_sets(values, step, *some):
+            rows.add(tube, marks, reach_sets, step, start)
+            start = tube
+        # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
+        if problem.has_no_target:
+            np.maximum(tube, before, out=tube)
+
+    def _reach_sets(self, values: FloatArray, step: int, *some: range) -> Iterator[Maxima | Pieces]:
+        """Yield the reach sets of inputs for the set {values <= 0} to be in at the end of the interval.
+
+        They are on the grid without padding, and all inputs of one byte of marks come together. With a `Sensing` that
+        has no memory the reach sets are eroded by the box E of the prediction error.
+        """
+        problem, games, inner = self.problem, self.games, self.problem.padded.grid.inner
+        if hasattr(games, "grouped_reach_sets"):
+            found: Any = games.grouped_reach_sets(values, step, *some)
+        else:
+            found = in_eights((j, np.asarray(phi)[inner]) for j, phi in games.reach(values, step))
+        if problem.sensing and not problem.sensing.remembers:
+            found = in_eights((j, eroded_by_error(problem, phi)) for j, phi in one_by_one(found))
+        yield from found
+
+
+def bytes_of_entry(parts: GridParts) -> int:
+    """Upper estimate of the bytes that the games of a solve take beside its table, and the process itself.
+
+    Intermediate results are `AT_WORK` times a tube on the grid with its padding, or on the wider one on which the ends
+    of an axis are avoided, and as many more as there are inputs while an interval may end early. Velocities that depend
+    on the state are kept for all inputs up to `KEPT` bytes, at each time step if they depend on time. What functions of
+    the problem allocate is not counted.
+    """
+    problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
+    count, axes = len(problem.inputs), range(problem.grid.ndim)
+    past = past_ends(problem, axes) if dynamics.constant else (0,) * problem.grid.ndim
+    played = {one.problem.grid for some in parts.dangers.values() for one in some}
+    each, times = 0, 1
+    if not dynamics.stateless:
+        whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
+        each = 8 * (2 * dynamics.disturbance_dim + 6) if whole else 12  # boxes lie on the axes that they read
+        each += 8 * (3 + problem.grid.ndim) * (math.prod(dynamics.pieces_of_components(axes)) - 1)
+        if dynamics.depends_on_time:
+            speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
+            crossed = speeds * problem.interval(0).delta / np.array(problem.grid.spacing)
+            times += math.ceil(2 * float(np.sum(crossed)))
+    most = 0
+    for grid in (problem.padded.grid.extended(past), *(played - {problem.padded.grid})):
+        velocities = each * grid.ndim * grid.size
+        arrays = (AT_WORK + count * bool(problem.sensing.jitter)) * item * grid.size
+        most = max(most, grid.sampling_bytes + arrays + velocities + min(KEPT, count * times * velocities))
+    return PROCESS + most
+
+
+def bytes_of_solve(parts: GridParts) -> int:
+    """Upper estimate of the bytes of a solve in memory: of an entry, of the table, and to put avoid tubes together."""
+    found = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
+    most, padded = 0, parts.problem.padded
+    for name, some in parts.dangers.items():
+        direct = [one.axes == parts.axes[name] and one.problem.grid == padded.grid for one in some]
+        for number, one in enumerate(some):
+            grid, wide = one.problem.grid, padded.grid.subgrid(parts.axes[name]).size
+            beside = 0 if direct[number] and not any(direct[:number]) else grid.subgrid(one.game_axes).size
+            most = max(most, beside + wide * (padded.grid != parts.problem.grid))
+    return bytes_of_entry(parts) + found + most * len(parts.problem.inputs) * np.dtype(parts.dtype).itemsize
+
+
+class GridSets:
+    """S_k as level-set functions on the grid: `TubeSets` for every method that plays its games there.
+
+    `begin` solves all avoid games; then `recursion` fills in the entries, and `finish` gives the table.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    parts : GridParts
+    storable : bool
+        Whether `sdhj.solver.entries` can fill them in on disk.
+    index, tubes, marks, avoid : arrays, AvoidTubes
+        Of the table, as `LookupTable` has them; entries are undefined until they are filled in.
+    shared : int
+        Entries that are the tube of another entry.
+    filled, changing : int, float
+        As in `TubeSets`; only with steps=None.
+    """
+
+    storable = True
+
+    def __init__(self, problem: ReachAvoidProblem, method: GridMethod) -> None:
+        """The sets of a problem by a method; ValueError if the problem has no number of steps. Nothing is solved."""
+        _require_steps(problem, method.name)
+        self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
+        self.parts, self.shared = GridParts(problem, method), 0
+
+    @property
+    def games(self) -> Any:
+        """The games of the method on the problem's grid with its padding."""
+        return self.parts.games
+
+    def begin(self) -> None:
+        """Make the arrays and solve the avoid games; warns of what the grid does not resolve, and of sets never met.
+
+        MemoryError, before anything is solved, where the solve does not fit into memory.
+        """
+        parts, problem = self.parts, self.problem
+        shapes = {name: parts.shape(name) for name in ARRAYS}
+        require_memory(bytes_of_solve(parts), "this solve", said_of(problem, parts.dtype))
+        check_resolution(problem)
+        met, avoid = set[int](), dict[str, FloatArray]()
+        for name in parts.axes:
+            avoid[name] = np.empty(shapes[name], parts.dtype)
+            if not parts.axes[name]:
+                avoid[name].fill(-np.inf)
+                continue
+            for step, out in enumerate(avoid[name] if name == "avoid_moving" else [avoid[name]]):
+                met |= parts.write_avoid(name, step, out)
+        tell_of_never_met(problem, met)
+        static, moving = parts.axes.values()
+        self.avoid = AvoidTubes(static, avoid["avoid_static"], moving, avoid["avoid_moving"])
+        self.rows = InputRows(problem.grid, self.avoided(self.avoid))
+        self.index = unshared_index(problem)
+        self.tubes, self.marks = np.empty(shapes["tubes"], parts.dtype), np.zeros(shapes["marks"], np.uint8)
+
+    def avoided(self, avoid: AvoidTubes) -> AvoidTubes:
+        """The avoid tubes with which reach sets are intersected: all."""
+        return avoid
+
+    @property
+    def rows_of_entries(self) -> range:
+        """The steps k that have entries (k, n) of their own, the last first; 0 alone if nothing depends on time."""
+        return range(0 if self.time_invariant else self.problem.steps, -1, -1)
+
+    def place(self, step: int, within: int) -> int:
+        """The position of an entry among the stored tubes."""
+        return int(self.index[entry(self.problem.steps, step, within)])
+
+    def write_goal(self, step: int) -> None:
+        """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k)."""
+        self.parts.write_goal(step, self.tubes[self.place(step, 0)])
+
+    def extend(self, step: int, within: int) -> None:
+        """Write the entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
+        at, before, after = (self.place(*one) for one in ((step, within), (step, within - 1), (step + 1, within - 1)))
+        self.parts.write_entry(self.rows, step, self.tubes[before], self.tubes[after], self.tubes[at], self.marks[at])
+
+    def unchanged(self, step: int, within: int) -> bool:
+        """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit."""
+        return equal_tubes(*(self.tubes[self.place(step, n)] for n in (within, within - 1)))
+
+    def repeat(self, step: int, within: int) -> None:
+        """Make the entry (step, within) the same tube as (step, within - 1), with its marks, and count it.
+
+        Later tubes move up by one position, as none of them has been computed yet. Where nothing depends on time, all
+        entries with more steps to go share the tube, too.
+        """
+        self.shared += 1
+        if (place := self.place(step, within)) == self.place(step, within - 1):
+            return
+        if self.time_invariant:
+            np.minimum(self.index, place - 1, out=self.index)
+        else:
+            self.index[self.index >= place] -= 1
+
+    def finish(self, details: Mapping[str, Any]) -> LookupTable:
+        """The table, whose arrays become read-only. Its details are the method's options, counts, and `details`."""
+        stored = int(self.index.max()) + 1
+        arrays = read_only((self.index, self.tubes[:stored], self.marks[:stored]))
+        found = self.options | self.counts(self.games.solved, self.shared) | dict(details)
+        table = LookupTable(self.problem, self.parts.method.name, *arrays, self.avoid, found)
+        return table.with_details(found | more) if (more := self.said_of(table)) else table
+
+    def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
+        """What a method does when all avoid games have been played, before the first entry with n >= 1: nothing.
+
+        goal : a step's entry (step, 0), (*shape). free : what the games have noted in an attribute of this name.
+        """
+
+    def said_of(self, table: LookupTable) -> dict[str, Any]:
+        """What else a method says of a table, for its details."""
+        return {}
+
+    def counts(self, solved: int, shared: int) -> dict[str, Any]:
+        """What a table's details say of its solve: so many PDEs solved, and entries that are the tube of another."""
+        problem, steps = self.problem, self.problem.steps
+        avoid = sum(steps if problem.moves(unsafe_set) else 1 for unsafe_set in problem.unsafe)
+        return {
+            "pdes_of_algorithm": len(problem.inputs) * (steps * (steps + 1) // 2 + avoid),
+            "pdes_solved": solved,
+            "tubes_shared": shared,
+            "shifted": bool(getattr(self.games, "shifted", False)),
+        }
+
+
+def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
+    """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within).
+
+    If nothing depends on time it is `within`, for every start; else the tubes lie in the order in which they are
+    computed.
+    """
+    start, index = entries(problem.steps).T.copy()
+    if not problem.time_invariant:  # one behind the other as they are filled in
+        index += (problem.steps - start) * (problem.steps - start + 1) // 2
+    return index
+
+
+def equal_tubes(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two tubes (*shape) are equal, bit for bit."""
+    return all(map(np.array_equal, one, other))  # row by row, as most differ at once
+
+
+def tell_of_never_met(problem: ReachAvoidProblem, met: set[int]) -> None:
+    """Warn of the unsafe sets of which no node is in danger; met : the positions in problem.unsafe of all others."""
+    for position, unsafe_set in enumerate(problem.unsafe):
+        if position not in met:
+            tell(never_met_finding(unsafe_set))
+
+
+def said_of(problem: ReachAvoidProblem, dtype: str) -> str:
+    """What makes a solve large, and what helps: the end of a sentence that says that it does not fit."""
+    steps, moving = problem.steps, [repr(part.name) for part in problem.all_sets if part.moving]
+    moving += ["the dynamics"] * problem.dynamics.depends_on_time
+    depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
+    why = f" (N (N + 1) / 2 in place of N = {steps:,}, because {depends} on time)" if moving else ""
+    tubes = steps * (steps + 1) // 2 if moving else steps
+    remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
+    return (
+        f"it has {tubes:,} tubes{why} of {problem.grid.size:,} nodes for {len(problem.inputs)} inputs; use {remedies}, "
+        "or store='folder', which keeps the table on disk"
+    )
 
 
 def _require_steps(problem: ReachAvoidProblem, name: str) -> None:
@@ -477,173 +580,3 @@ def _require_steps(problem: ReachAvoidProblem, name: str) -> None:
             f"method {name!r} needs a number of steps: give steps=60, say; steps_to_go tells where fewer are enough. "
             "method='certified' finds the number by itself"
         )
-
-
-class GridSets:
-    """S_k as level-set functions on the grid: `TubeSets` for every method that plays its games there.
-
-    Making it solves all avoid games; then `recursion` fills in the entries, and `finish` gives the table.
-
-    Parameters
-    ----------
-    problem : ReachAvoidProblem
-    method : GridMethod
-    former : Former, optional
-        An earlier solve in this process, of which all that cannot differ is copied. Only without `slabs`.
-    slabs : Slabs, optional
-        How the grid is cut, where arrays lie and who works; by default one slab, in memory, in this process.
-
-    Attributes
-    ----------
-    plan : Plan
-    arrays : Memory or Store
-    table : LookupTable
-        Over `arrays`; entries are undefined until they are filled in.
-    shared : int
-        Entries that are the tube of another entry.
-
-    Raises
-    ------
-    ValueError
-        If the problem has no number of steps.
-    MemoryError
-        Without `slabs`, if `memory_needed` exceeds the available memory.
-    """
-
-    def __init__(
-        self,
-        problem: ReachAvoidProblem,
-        method: GridMethod,
-        former: Former | None = None,
-        slabs: "Slabs | None" = None,
-    ) -> None:
-        """Solve the avoid games; without `slabs` first check memory, state the cost, warn of a coarse grid."""
-        _require_steps(problem, method.name)
-        self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
-        slabs = slabs or Slabs(self._in_memory(problem, method, former))
-        plan, self.tick = slabs.plan, slabs.tick
-        self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
-        patches = (
-            not must_write_out(problem, plan.whole_games) and getattr(plan.whole_games, "patches", False)
-            if former
-            else False
-        )
-        self.former = former if patches else None
-        # none of its own, which would know `self`: the table would stay until garbage is collected
-        self.run = slabs.run
-        self._avoid_tubes()
-        self.table = self.arrays.table(problem, method.name, LookupTable.unshared_index(problem))
-        self.shared = 0
-
-    @property
-    def games(self) -> Any:
-        """The games on the whole grid, made at first use; in a solve with one slab, those that play it."""
-        return self.plan.whole_games
-
-    @staticmethod
-    def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
-        """The plan of a solve by a method in memory, in one slab.
-
-        States the cost on the progress bar (`begin`), and warns of what the grid does not resolve. MemoryError if the
-        solve does not fit into memory.
-
-        former : an earlier solve, from which what cannot differ is copied; None: none.
-        """
-        dtype = method.options.get("dtype", "float32")
-        needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
-        why = multiplied(problem, LookupTable.most_tubes(problem), problem.grid.size, "nodes")
-        remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
-        require_memory(needed, "this solve", f"it has {why}; use {remedies}")
-        plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.padded))), former=former)
-        begin(lambda: cost_on_grid(plan, needed))
-        check_resolution(problem)
-        return plan
-
-    def _avoid_tubes(self) -> None:
-        """Write the avoid tubes into the arrays, static ones once and moving ones for each step.
-
-        If none can differ from those of the former solve, its array is used itself. Slabs that a resumed store already
-        has are not solved. Unless there are such slabs, warns of unsafe sets that no node is in danger of.
-        """
-        met, looked_at = set[UnsafeSet](), True
-        for kind, games in self.plan.avoid.items():
-            if isinstance(self.arrays, Memory) and games and (same := self._former_avoid_tubes(kind)) is not None:
-                self.arrays.arrays[kind] = same
-                met |= {game.danger.unsafe_set for game in games}
-                continue
-            for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
-                found = self._do(Task(kind, step, step))
-                looked_at &= len(found) == self.plan.layout.slabs_of(kind)
-                met |= {game.danger.unsafe_set for one in found for game, has in zip(games, one, strict=True) if has}
-        # where nothing was looked at, an earlier solve has seen the others
-        for unsafe_set in self.plan.problem.padded.unsafe if looked_at else ():
-            if unsafe_set not in met:
-                tell(never_met_finding(unsafe_set))
-
-    def _former_avoid_tubes(self, kind: str) -> FloatArray | None:
-        """The former solve's avoid tubes of a kind, a view, if none of them can differ; else None, as without a former.
-
-        Where they are taken over, what the former solve kept of each danger is also put into `plan.former.each`.
-
-        kind : "avoid_static" for an array (L, *subgrid), "avoid_moving" for (most_steps, L, *subgrid).
-        """
-        moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
-        former, times = self.plan.former, self.problem.most_steps if moves else 1
-        same = former.avoid_tubes(found, moves, times) if former else None
-        return same if same is None or moves else same[0]
-
-    def _do(self, task: Task) -> list[Any]:
-        """Do a task on each slab that is not finished yet, and enter these in the ledger; tick finished ones, too.
-
-        Returns, for each slab that was done now, a list of bool: for each avoid game of the task's kind whether any
-        node is in danger; [] for other tasks.
-
-        task : whose `slab` is ignored.
-        """
-        tasks = [task._replace(slab=slab) for slab in range(self.plan.layout.slabs_of(task.array))]
-        todo = [one for one in tasks if not self.arrays.is_finished(one.written)]
-        self.tick(len(tasks) - len(todo))
-        found = []
-        run = self.run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
-        for done, met, digest in run(todo):
-            self.arrays.record_finished(done.written, digest)
-            found.append(met)
-            self.tick(1)
-        return found
-
-    def write_goal(self, step: int) -> None:
-        """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), on all slabs."""
-        self._do(Task("goal", step, self.table.tube_index(step, 0)))
-
-    def extend(self, step: int, within: int) -> None:
-        """Write the entry (step, within) from (step, within - 1) and (step + 1, within - 1), on all slabs."""
-        table = self.table
-        places = [table.tube_index(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
-        self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
-        self._do(Task("extend", step, *places))
-        if self.former and patch:
-            self.former.keep_frame_solution(patch, step, within)
-
-    def unchanged(self, step: int, within: int) -> bool:
-        """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit."""
-        one, other = (self.table.value_array(step, n) for n in (within, within - 1))
-        return all(map(np.array_equal, one, other))  # row by row, as most differ at once
-
-    def repeat(self, step: int, within: int) -> None:
-        """Make the entry (step, within) the same tube as (step, within - 1); counts it, and ticks its slabs."""
-        self.table.repeat(step, within)
-        self.shared += 1
-        self.tick(self.plan.layout.slabs)
-
-    def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table. Its details are the method's options, counts of PDEs and shared tubes, and `details`."""
-        steps = self.table.steps
-        avoid = sum(steps if self.problem.moves(unsafe_set) else 1 for unsafe_set in self.problem.unsafe)
-        pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
-        found: dict[str, Any] = {
-            "pdes_of_algorithm": pdes,
-            "pdes_solved": self.games.solved,
-            "tubes_shared": self.shared,
-            "shifted": bool(getattr(self.games, "shifted", False)),
-        }
-        return self.table.finish(self.options | found | dict(details))

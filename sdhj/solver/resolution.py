@@ -32,7 +32,6 @@ SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are a
 SPANS = 50  # intervals at most in which something that moves is looked at
 IGNORED = "so the table ignores it"
 ASKED = "so whatever asks the nodes alone ignores it, as methods on the grid and pictures do"
-TURNS = 4  # of cells along all axes: no robot is steered so rarely
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -428,16 +427,3 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             across = first / (first - left) + second / (second - right) + (first is not second)
             thickness = np.where(thin, np.maximum(across, LEAST_SHOWN), thickness)
     return thickness
-
-
-def check_crossing(problem: "ReachAvoidProblem", crossed: float) -> None:
-    """Warn that a unit must be wrong if the state crosses too many cells in an interval.
-
-    crossed : that number. Too many are more than `TURNS` times the sum of the numbers of nodes of all axes.
-    """
-    if crossed > TURNS * sum(problem.grid.shape):
-        cause = (
-            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
-            f"together have {sum(problem.grid.shape):,}; "
-        )
-        tell(Finding(cause, crossed, "check the units of delta and of the velocities"))

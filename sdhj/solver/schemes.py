@@ -21,10 +21,9 @@ there.
 
 import math
 import reprlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -34,12 +33,9 @@ from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, STENCIL_RADIUS, Layout, stage
 from sdhj.problem.boxes import most_on_padding, out_of_danger
 from sdhj.problem.checks import Options, option
-from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast_error
-from sdhj.solver.former import within_stages
 
-Scratch = dict[tuple[Any, ...], FloatArray]  # by what they are for and their shape
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 # each stage: (weight kept of the step's start, the rest goes to an Euler step from the stage before; time reached)
@@ -122,10 +118,11 @@ class Scheme(Options):
         if not real or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")
 
-    @property
-    def reads(self) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, along one axis at a time, and how many stages a time step has."""
-        return min(self.order, STENCIL_RADIUS), len(STAGES[self.integrator])
+
+def checked_scheme(scheme: Any) -> None:
+    """Raise ValueError if an option `scheme` is no `Scheme`."""
+    if not isinstance(scheme, Scheme):
+        raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {scheme!r}")
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
@@ -177,7 +174,6 @@ def layout_of(grid: Grid, order: int) -> Layout:
         ghosts,
         chunks,
         grid.periodic[-1],
-        np.arange(begins.size),
     )
 
 
@@ -237,7 +233,7 @@ def _field(
     return out
 
 
-def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
+def terms_of(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Velocities as the kernel `stage` reads them: the flat arrays that `_arranged` returns, not to be modified.
 
     They are kept in `velocities.terms`, for each layout and dtype, if that is a dict, and not made again.
@@ -298,7 +294,6 @@ def evolve(
     *,
     obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
     steps: int | None = None,
-    planes: FloatArray | None = None,
 ) -> FloatArray:
     """Solve d Phi / d tau = H(tau, x, D Phi) from Phi(0) = values on, up to tau = duration.
 
@@ -317,9 +312,8 @@ def evolve(
     obstacle : (shape) array, or callable tau -> (shape) array, optional
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
-        Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for.
-    planes : (shape[:-2]) bool, optional
-        In which planes of the last two axes the solution is needed; the values in others are undefined then.
+        Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for. With 0
+        the values are returned, at least as high as the obstacle.
 
     Returns
     -------
@@ -334,113 +328,29 @@ def evolve(
         if callable(velocities):
             raise ValueError("velocities that depend on time need steps: as many as the fastest of them require")
         steps = velocities.steps(grid, duration, scheme.cfl)
-    terms = _over_time(velocities, lambda one: terms_of_inputs(grid, [one], scheme))
-    return _evolved(grid, values, terms, 1, duration, scheme, obstacle, steps, planes=planes)[0]
-
-
-def terms_of_inputs(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
-    """The velocities of several inputs as `stage` reads them: the tuple of `_arranged`, with a leading axis for inputs.
-
-    1 / dx has no such axis. None where velocities are not all of one form, for example a constant box and one that
-    depends on the state.
-    """
-    terms = [_terms(grid, layout_of(grid, scheme.order), one, scheme.dtype) for one in velocities]
-    if len({tuple(part.shape for part in term) for term in terms}) > 1:
-        return None
-    stacked = [parts[0][None] if len(parts) == 1 else np.stack(parts) for parts in zip(*terms, strict=True)]
-    return tuple(part[0] if i == 1 else part for i, part in enumerate(stacked))  # 1 / dx is that of all
-
-
-def evolve_each(
-    grid: Grid,
-    values: FloatArray,
-    groups: Sequence[tuple[list[int], Any, int]],
-    duration: float,
-    scheme: Scheme,
-    obstacle: FloatArray | None = None,
-    scratch: Scratch | None = None,
-    planes: FloatArray | None = None,
-) -> FloatArray:
-    """Solve the equation of `evolve` for many inputs at once, from the same `values`: a new array (L, *shape).
-
-    groups : inputs that have the same number of time steps: (their numbers, their velocities by `terms_of_inputs`, that
-        number). All groups together have the inputs 0 to L - 1, each once.
-    scratch : a dict in which work arrays are kept for the next call, which overwrites them; None: they are made anew.
-    duration, scheme, obstacle, planes : the arguments of `evolve`; the obstacle may depend on tau.
-    """
-    out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
-    for inputs, terms, steps in groups:
-        given = len(inputs), duration, scheme, obstacle, steps, {} if scratch is None else scratch, planes
-        out[inputs] = _evolved(grid, values, lambda tau, terms=terms: terms, *given)  # type: ignore[misc]
-    return out
-
-
-def _evolved(
-    grid: Grid,
-    values: FloatArray,
-    terms: Callable[[float], Any],
-    count: int,
-    duration: float,
-    scheme: Scheme,
-    obstacle: Any,
-    steps: int,
-    scratch: Scratch | None = None,
-    planes: FloatArray | None = None,
-) -> FloatArray:
-    """The solutions of `evolve` for `count` inputs: (count, *shape). Tells the meter of each stage (`tick`).
-
-    terms : terms(tau) are the velocities of the inputs as `stage` reads them.
-    scratch : a dict, in which work arrays are kept for the next call with it; the result is one of them, and is
-        overwritten then. None: new arrays, only for count = 1.
-    obstacle : None, an array (*shape), or a function of tau that returns one.
-    steps : the number of time steps; with 0 the values are returned, at least as high as the obstacle.
-    duration, scheme, planes : the arguments of `evolve`.
-    """
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
         """A grid function (*shape) with ghost nodes, out of danger on the padding, new; for None an array of size 0."""
         return none if g is None else _with_ghosts(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
-    phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
-    if scratch is None:  # one input
-        work = np.empty_like(phi)
-    else:
-        first, shape = phi, (count, *phi.shape[1:])
-        phi, work = (scratch.setdefault((name, *shape), np.empty(shape, scheme.dtype)) for name in ("phi", "work"))
-        phi[:] = first
+    terms = _over_time(velocities, lambda one: terms_of(grid, layout, one, scheme.dtype))
+    phi, obstacle_at = arranged(values), _over_time(obstacle, arranged)
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_padding(grid))
-    layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
         """One stage, into `out`: keep out + (1 - keep) (source + dt H(source, now)), >= the obstacle at `then`."""
-        stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
+        stage(source, out, obstacle_at(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
-        tick(count * grid.size + CALL)
 
     if obstacle is not None:
         np.maximum(phi, obstacle_at(0.0), out=phi)
-    phi, free = _integrate(phi, work, euler, STAGES[scheme.integrator], steps, dt)
-    inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
+    phi, free = _integrate(phi, np.empty_like(phi), euler, STAGES[scheme.integrator], steps, dt)
+    inner = free.ravel()[: grid.size]  # fresh memory would cost a tenth of a solve
     _without_ghosts(layout, phi, inner)
-    return inner.reshape(count, *grid.shape)
-
-
-def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
-    """Yield the layout for each stage of `steps` time steps, from the first to the last, with the planes it writes.
-
-    planes : (*shape[:-2]) bool, the planes that have to be right in the end; earlier stages also write what later ones
-        read. None: all planes, and the layout is yielded without end.
-    """
-    if planes is None:
-        return repeat(layout)
-    found = list[Layout]()
-    for _ in range(steps * scheme.reads[1]):
-        found.append(layout._replace(planes=np.flatnonzero(planes)))
-        planes = within_stages(grid, planes, layout.ghosts, 1)
-    return reversed(found)
+    return inner.reshape(grid.shape)
 
 
 def evolve_with_early_end(

@@ -348,8 +348,7 @@ def problem_of_file(
 
     The file itself is not opened: `path` is only for messages. The head must have been checked (`checked_head`).
 
-    arrays : what the file's formulas look up, and values of black boxes, by name, as `arrays_in` returns them for a
-        file, and `sdhj.table.store.functions_of` for a store.
+    arrays : what the file's formulas look up, and values of black boxes, by name, as `arrays_in` returns them.
     problem : None, or the problem that the file should be of. If it has steps=None, and the file is of such a solve, it
         is returned with the number of steps of the file.
 

@@ -10,7 +10,7 @@ than the reachable set, and promises are given more rarely.
 
 import os
 from collections.abc import Mapping
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -31,7 +31,6 @@ from sdhj.table.ahead import NO_TAPES, tapes_of
 from sdhj.table.batches import NOWHERE, Batch, Player, Table, entry
 from sdhj.table.container import Contents
 from sdhj.table.files import read_array, write_table
-from sdhj.table.keeping import Kept
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,6 @@ class LookupTable(Table):
     marks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
-    reusable: Kept | None = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
     player: Player | None = field(default=None, compare=False)
     mapped_from: InitVar[Any] = None  # `origin`; nothing of what `dataclasses.replace` makes of it
 
@@ -116,60 +114,15 @@ class LookupTable(Table):
         object.__setattr__(self, "details", Sealed(self.details))
         object.__setattr__(self, "origin", mapped_from)
 
-    # ---- filling it in
-
-    @staticmethod
-    def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
-        """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within).
-
-        If nothing depends on time it is `within`, for every start; else the tubes lie in the order in which they are
-        computed.
-        """
-        start, index = entries(problem.most_steps).T.copy()
-        if not problem.time_invariant:  # one behind the other as they are filled in
-            index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
-        return index
-
-    @staticmethod
-    def most_tubes(problem: ReachAvoidProblem) -> int:
-        """The largest number of stored tubes: N + 1 if nothing depends on time, else (N + 1) (N + 2) / 2."""
-        return problem.most_steps + 1 if problem.time_invariant else entry(problem.steps, problem.steps, 0) + 1
+    # ---- at the nodes
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of the tube (start, within) itself, shape grid.shape; writable until `finish`."""
+        """The array of the tube (start, within) itself, shape grid.shape."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
-        """The marks of the tube (start, within) themselves, (bytes, size) uint8; writable until `finish`."""
+        """The marks of the tube (start, within) themselves, (bytes, size) uint8."""
         return self.marks[self.tube_index(start, within)]
-
-    def repeat(self, start: int, within: int) -> None:
-        """Let (start, within) be the same stored tube as (start, within - 1), with its marks: writes the index.
-
-        Later tubes move up by one position, so call it before they are computed, in place of computing this one;
-        nothing is done where the two are one tube already. Where nothing depends on time, all entries with more steps
-        to go share the tube, too.
-        """
-        place = self.tube_index(start, within)
-        if place == self.tube_index(start, within - 1):
-            return
-        if self.problem.time_invariant:
-            np.minimum(self.index, place - 1, out=self.index)
-        else:
-            self.index[self.index >= place] -= 1
-
-    def finish(self, details: Mapping[str, Any]) -> "LookupTable":
-        """The table when solved: with these details, and without tubes and marks behind those that the index names.
-
-        The arrays are shared with this table, and become read-only.
-        """
-        stored = int(self.index.max()) + 1
-        tubes, marks = self.tubes[:stored], self.marks[:stored]
-        return replace(
-            self, index=read_only(self.index), tubes=read_only(tubes), marks=read_only(marks), details=details
-        )
-
-    # ---- at the nodes
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """The level-set function of a tube at the nodes of the grid, to draw or to measure it.

@@ -11,6 +11,7 @@ import rivals
 from documents import ROOT, column
 
 import sdhj
+from sdhj.solver.recursion import GridParts, bytes_of_solve
 
 NUMBER = r"(?<![\w.^*/-])(?:\d[\d,]*(?:\.\d+)?|\.\d+)"
 UNIT = r"(?:%|per cent|core\s+hours?|CPU\s+s|ms|[µun]s|s|min|minutes?|hours?|h|[kMGT]B|seconds?)(?![\w/])"
@@ -100,28 +101,24 @@ def reference() -> str:
     return f"{problem.grid.fraction(inside.reshape(problem.grid.shape)):.2f}"
 
 
-def lax_hours() -> str:
-    """Of 40^6 nodes, 25 inputs and 8 intervals, by the CPU seconds of n^5 nodes, 27 inputs and 8 intervals."""
-    (seconds,), (name,) = column("slabs5", "CPU s"), column("slabs5", "problem")
-    each = float(seconds.replace(",", "")) / int(name.split()[1]) ** 5 / 27
-    return f"{each * 40**6 * 25 / 3600:.0f} core hours"
+def needed(nodes: int) -> str:
+    """The memory that a solve of the case study asks for before it begins."""
+    return f"{bytes_of_solve(GridParts(sdhj.arm_case_study(nodes), sdhj.HJI())) / 1e9:.1f} GB"
 
 
 SELECT, OF_40 = r"^select, rule deepest +([0-9.]+)", r"^ +40  default +([0-9.]+)"
-NEEDED = r"^hji +40 +[0-9.]+ +([0-9.]+)"
 # What follows from what a command printed, by page: how it is written there, and how it is computed.
 KEPT: dict[str, dict[str, Callable[[], str]]] = {
     "README": {
         "20 µs": lambda: f"{10 * round(printed('bench', SELECT) / 10)} µs",
         "0.2 GB": lambda: f"{float(column('results', 'table, MB')[0]) / 1e3:.1f} GB",
         "4 s": lambda: f"{printed('timing', OF_40):.0f} s",
-        "1.6 GB": lambda: f"{printed('bench', NEEDED):.1f} GB",
+        "1.6 GB": lambda: needed(40),
         "2 %": lambda: f"{float(column('results', 'failures, worst')[0].strip('%')):.0f} %",
     },
     "large": {
         "42 GB": lambda: f"{41**5 * 45 * 8 / 1e9:.0f} GB",  # 45 tubes in single precision, as many rows of 25 marks
-        "295 GB": lambda: f"{40**6 * 9 * 8 / 1e9:.0f} GB",
-        "2 core hours": lax_hours,
+        "7.9 GB": lambda: f"{41**5 * 17 * 4 / 1e9:.1f} GB",  # 17 tubes in single precision
     },
     "numbers": {
         ".05": at_target,

@@ -23,8 +23,6 @@ NOT_FOR_USERS = {
     "value_array",
     "passes",
     "window",
-    "most_tubes",
-    "finish",
 }
 # That check nothing, or whose arguments cannot be wrong but by their type.
 WITHOUT_ERRORS = {

@@ -10,6 +10,7 @@ from toys import interval_problem
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.solver.joint import Joint
 
 HALF = np.array([1.0, 0.8])
 ACCELERATIONS = np.linspace(-3.0, 3.0, 7)
@@ -81,7 +82,7 @@ def leaving(ends, lower=-4.0, upper=4.0, nodes=81, part=None):
 METHODS = {
     "hji": HJI(),
     "fixed": HJI(sdhj.Scheme(frame="fixed")),
-    "joint": HJI(games="joint"),
+    "joint": Joint(),
     "lax": HopfLax("linear"),
 }
 

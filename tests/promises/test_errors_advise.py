@@ -23,7 +23,7 @@ import sdhj
 from sdhj import Certified, Controller, Dynamics, TargetSet, UnsafeSet
 from sdhj.certified.check import verify
 from sdhj.cli import main
-from sdhj.table.relay import Relay
+from sdhj.solver.recursion import GridParts, bytes_of_solve
 
 MOVES = [[-1.0], [0.0], [1.0]]
 
@@ -305,11 +305,6 @@ CASES = {
         lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--nodes", "41")),
         lambda to: ((to / "robot.py").write_text(ROBOT.replace("[81]", "[41]")), solve_robot(to)),
     ),
-    "too long, on the command line": (
-        "or allow more by --operations",
-        lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--operations", "10")),
-        lambda to: solve_robot(to, "--operations", "1e9"),
-    ),
     "a drift that is not one of the state": (
         "its first parameter is the state, .*If it is the state, write .*; if it is",
         lambda to: Dynamics(MOVES, lambda u, q: q[0] + 0 * u),
@@ -395,11 +390,6 @@ CASES = {
         lambda to: exported_with(to, memory=False).loop(1),
         lambda to: exported_with(to, memory=True).loop(1).step([[0.0]]),
     ),
-    "a relay of tables that remember": (
-        r"a Relay remembers nothing: solve the problems with Sensing\(..., memory=False\)",
-        lambda to: Relay(Controller(solved(replace(line(), sensing=sdhj.Sensing(0.05, memory=True))))),
-        lambda to: Relay(Controller(solved(replace(line(), sensing=sdhj.Sensing(0.05, memory=False))))),
-    ),
     "no run can start": (
         "so no run can start from it; use",
         lambda to: sdhj.monte_carlo(Controller(solved(parking(1e-6))), 10, progress=False),
@@ -481,10 +471,10 @@ CASES = {
         lambda to: solved(with_target(elsewhere)),
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
     ),
-    "a store and steps": (
+    "a store and a proof": (
         "leave store= out to solve in memory",
-        lambda to: solved(replace(line(), steps=None), store=to / "t.store"),
-        lambda to: solved(replace(line(), steps=None), "certified"),
+        lambda to: solved(line(), "certified", store=to / "t.store"),
+        lambda to: solved(line(), "certified"),
     ),
     "for ever on a grid": (
         "Use method='certified' .* or give steps=N: safe for N steps from step 0",
@@ -498,14 +488,6 @@ CASES = {
         "give steps=60, say; steps_to_go tells where fewer are enough. method='certified' finds the number by itself",
         lambda to: solved(replace(line(), steps=None), "hji"),
         lambda to: (solved(replace(line(), steps=60)), solved(replace(line(), steps=None), "certified")),
-    ),
-    "too little memory for a store": (
-        "give more as memory=, or use fewer nodes",
-        lambda to: solved(line(nodes=401), store=to / "t.store", memory=1000),
-        lambda to: (
-            solved(line(nodes=401), store=to / "t.store", memory=10**8),
-            solved(line(nodes=81), store=to / "u.store", memory=10**8),
-        ),
     ),
     "safe ends and a target": (
         "need a problem without a target",
@@ -735,7 +717,7 @@ def with_room(nbytes, act):
 @cache
 def scarce():
     """Bytes that a solve of half of what is asked for needs."""
-    most, few = (sdhj.estimate(line(nodes=1001, steps=steps), DOUBLE).nbytes for steps in (40, 4))
+    most, few = (bytes_of_solve(GridParts(line(nodes=1001, steps=steps), DOUBLE)) for steps in (40, 4))
     return (most + few) // 2
 
 
@@ -823,7 +805,7 @@ def test_advice_of_an_error_is_followed_once(name, tmp_path):
 
 ELSEWHERE = {
     r"(solve it|export it) anew|solve the problem again": "as of a damaged file, above",
-    r"solve with resume=True|no store|is not finished": "outofcore/test_lost_slabs",
+    r"solve with resume=True|solve it anew with resume=True|choose another name": "solver/test_entries",
     r"make room|free some space|save it elsewhere": "test_lost_work: a disk that is full",
     "check the permissions": "not of the superuser, who runs many a test",
     "start processes with multiprocessing": "test_threads",

@@ -15,6 +15,7 @@ import pytest
 
 import sdhj
 from sdhj.problem.findings import ResolutionWarning
+from sdhj.solver.joint import Joint
 
 SECONDS = sdhj.Certified(seconds=6)
 
@@ -214,7 +215,7 @@ FOR_EVER = re.escape(
 )
 
 
-@pytest.mark.parametrize("method", ["hji", "projected", sdhj.HJI(), sdhj.HJI(games="joint")])
+@pytest.mark.parametrize("method", ["hji", "projected", sdhj.HJI(), Joint()])
 def test_no_grid_promises_for_ever(method: Any) -> None:
     problem = camera((9, 9))[0]
     with pytest.raises(ValueError, match=f"^{FOR_EVER}$"):

@@ -10,6 +10,7 @@ import sdhj
 from sdhj.certified.check import verify
 from sdhj.simulation.adversaries import first_moment
 from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, play_interval
+from sdhj.solver.joint import Joint
 
 SPEEDS = (0.0, 1.0, 0.4, -1.0)
 STATION, FAST = (0.5, 1.1), (1, 3)
@@ -57,7 +58,7 @@ def by_hand(inputs=FAST, push=0.1, steps=10, delta=0.5):
 
 METHODS = {
     "hji": sdhj.HJI(),
-    "joint": sdhj.HJI(games="joint"),
+    "joint": Joint(),
     "lax": sdhj.HopfLax(),
     "projected": sdhj.Projected([(0,)]),
     "certified": sdhj.Certified(cells=(800,)),
@@ -146,12 +147,6 @@ def test_files_stores_and_digests_tell_it(tmp_path):
         sdhj.load(tmp_path / "table.npz", problem=line((1,)))
     stored = sdhj.solve(problem, store=tmp_path / "store", progress=False, play=False)
     assert np.array_equal(stored.values(within=10), table.values(within=10))
-
-
-def test_resolve_notices_another_list():
-    table = sdhj.solve(line((1,)), progress=False, play=False)
-    again = sdhj.resolve(table, line(), progress=False)
-    assert np.array_equal(again.values(), sdhj.solve(line(), progress=False, play=False).values())
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ from toys import ends_of, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
-from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames, ObstacleFunction
+from sdhj.solver.games import HJIGames, HopfLaxGames, ObstacleFunction
+from sdhj.solver.joint import Joint, JointGames
 
 USUAL, FIXED = Scheme(), Scheme(frame="fixed")
 ROUNDING = 1e-5  # some dozens of operations in single precision on numbers below 4
@@ -277,7 +278,7 @@ def without_adversary(problem):
     [
         HJI(),
         HJI(FIXED),
-        HJI(games="joint"),
+        Joint(),
         HopfLax(),
         Projected([(0, 1)]),
         Projected([(0, 1)], HopfLax()),
@@ -292,7 +293,7 @@ def test_an_adversary_of_no_components_is_one_that_does_nothing(method):
     assert tables[0].fraction(start=0, within=2) > tables[0].fraction(start=0, within=0) > 0
 
 
-@pytest.mark.parametrize("method", [HJI(), HJI(games="joint"), Projected([(0, 1), (0, 2)])], ids=str)
+@pytest.mark.parametrize("method", [HJI(), Joint(), Projected([(0, 1), (0, 2)])], ids=str)
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 def test_state_dependent_dynamics_without_an_adversary(method):
     none, idle = without_adversary(unicycle_problem(nodes=(7, 7, 8), steps=1))

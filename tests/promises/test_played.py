@@ -15,6 +15,7 @@ from sdhj import Controller, UnsafeSet
 from sdhj.kernels import read_only
 from sdhj.problem.findings import ProjectionWarning, ResolutionWarning
 from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
+from sdhj.solver.recursion import GridSets
 
 
 def test_runs_are_counted_as_monte_carlo_counts_them() -> None:
@@ -201,7 +202,7 @@ def test_what_a_solve_warns_of_is_kept_in_one_list(solves_are_played: None, tmp_
 
 
 def test_empty_projections_are_warned_of_before_the_recursion(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sdhj.solving, "recursion", lambda *given: pytest.fail("the recursion has begun"))
+    monkeypatch.setattr(GridSets, "extend", lambda *given: pytest.fail("the recursion has begun"))
     problem = sdhj.evader_case_study(nodes=9, steps=2)
     with pytest.warns(ProjectionWarning, match="leaves nothing of the target"), pytest.raises(pytest.fail.Exception):
         sdhj.solve(problem, "projected", progress=False)
@@ -218,7 +219,7 @@ def test_solved_and_loaded_tables_play_and_others_say_that_they_cannot(tmp_path)
         pickle.loads(pickle.dumps(stored)),
         sdhj.load(tmp_path / "table"),
     )
-    tables += sdhj.resolve(table, problem, "lax"), pickle.loads(pickle.dumps(table)), replace(stored, details={})
+    tables += pickle.loads(pickle.dumps(table)), replace(stored, details={})
     for other in tables:
         assert other.played(10) == table.played(10)
     with pytest.raises(ValueError, match=r"this LookupTable has no player; use a table of sdhj\.solve or sdhj\.load"):

@@ -12,6 +12,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj import HJI, HopfLax, Projected, Scheme
 from sdhj.solver.games import HJIGames, HopfLaxGames
+from sdhj.solver.joint import Joint
 from sdhj.solver.recursion import GridSets, recursion
 
 FIXED = Scheme(frame="fixed")
@@ -31,6 +32,9 @@ class FiniteSets:
 
     def key(self, step, within):
         return (0 if self.time_invariant else step), within
+
+    def begin(self):
+        self.entries.clear()
 
     def write_goal(self, step):
         self.calls.append(("goal", step))
@@ -175,7 +179,7 @@ def test_joint_and_decomposed_tables_agree_up_to_scheme_error():
     gaps = []
     for nodes in (16, 32):
         problem = torus_problem(nodes=nodes)
-        pair = [sdhj.solve(problem, HJI(FIXED, games)) for games in ("decomposed", "joint")]
+        pair = [sdhj.solve(problem, method(FIXED)) for method in (HJI, Joint)]
         gaps.append(np.abs(pair[0].values(start=0, within=3) - pair[1].values(start=0, within=3)).mean())
     print("mean difference of joint and decomposed tubes", gaps)
     assert gaps[1] < gaps[0] / 1.4
@@ -267,14 +271,14 @@ def test_single_precision_moves_the_shares_by_little():
 @pytest.mark.parametrize(
     ("made", "named"),
     [
-        (lambda: HJI(games="both"), "games must be one of decomposed, joint, got 'both'"),
+        (lambda: Joint(scheme="hji"), "scheme must be a sdhj.Scheme, .* got 'hji'"),
         (lambda: HJI(scheme="hji"), "scheme must be a sdhj.Scheme, .* got 'hji'"),
         (lambda: HJI(scheme={"order": 2}), "scheme must be a sdhj.Scheme"),
         (lambda: HopfLax(interpolation="foo"), "interpolation must be one of linear, limited, got 'foo'"),
         (lambda: HopfLax(interpolation=["linear"]), r"interpolation must be one of .*\['linear'\]"),
         (lambda: HopfLax(dtype="float16"), "dtype must be one of float32, float64, got 'float16'"),
-        (lambda: Projected(inner="lax"), "inner must be a sdhj.HJI .* or a sdhj.HopfLax, got 'lax'"),
-        (lambda: Projected(inner=HJI(games="joint")), "inner must be a sdhj.HJI with decomposed games"),
+        (lambda: Projected(inner="lax"), "inner must be a sdhj.HJI or a sdhj.HopfLax, got 'lax'"),
+        (lambda: Projected(inner=Joint()), "inner must be a sdhj.HJI or a sdhj.HopfLax, got Joint"),
         (lambda: Projected(inner=Projected()), "inner must be a sdhj.HJI"),
     ],
 )

@@ -12,12 +12,13 @@ from plain import run_plainly
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, UnsafeSet
 from sdhj.certified.sets import Certified
+from sdhj.solver.joint import Joint
 
 METHODS = {
     "hji": HJI(),
     "fixed": HJI(Scheme(frame="fixed")),
     "fixed, third order": HJI(Scheme(order=3, integrator="rk3", frame="fixed")),
-    "joint": HJI(games="joint"),
+    "joint": Joint(),
     "projected": Projected([(0, 1)]),
     "lax": HopfLax(),
     "linear": HopfLax("linear"),

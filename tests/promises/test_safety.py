@@ -10,6 +10,7 @@ from toys import interval_problem
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, UnsafeSet
 from sdhj.certified.sets import Certified
+from sdhj.solver.joint import Joint
 
 BRAKE, DELTA = 3.0, 0.1
 INPUTS = np.array([[-BRAKE], [0.0], [BRAKE]])
@@ -128,7 +129,7 @@ def test_what_leaves_over_a_safe_end_is_out_of_danger():
     assert report.counts["reached"] == 500 and report.steps.max() < 20
 
 
-@pytest.mark.parametrize("method", [HJI(), HJI(games="joint"), HopfLax(), Projected(), HopfLax("linear")])
+@pytest.mark.parametrize("method", [HJI(), Joint(), HopfLax(), Projected(), HopfLax("linear")])
 def test_every_method_stays_clear_of_a_disk(method, rng):
     """A point that drifts to the right by 0.5 +- 0.2 and steers by 1 up or down: who is too close hits the disk."""
     inputs = np.array([[-1.0], [0.0], [1.0]])

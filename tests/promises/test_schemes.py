@@ -11,7 +11,7 @@ import sdhj
 from sdhj import Grid, Scheme
 from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.problem.interval import Velocities
-from sdhj.solver.schemes import evolve, evolve_each, terms_of_inputs
+from sdhj.solver.schemes import evolve
 
 FLUXES = ("godunov", "lax-friedrichs")
 DOUBLE = Scheme(dtype="float64", frame="fixed")
@@ -400,30 +400,6 @@ def test_cfl_counts_steps_and_instability_shows_beyond_it(monkeypatch, plain):
 def test_scheme_refuses_what_it_does_not_know(change, named):
     with pytest.raises(ValueError, match=named):
         Scheme(**change)
-
-
-@pytest.mark.parametrize("fields", [False, True])
-def test_inputs_at_once_are_those_one_by_one(rng, fields):
-    """To the last bit, with an obstacle, and time steps of each input's own number."""
-    grid, scheme = Grid([0.0, 0.0], [1.0, 2.0], [9, 7], [True, False]), Scheme()
-    values, lower = rng.normal(size=grid.shape), rng.normal(size=(3, 2, *(grid.shape if fields else ())))
-    each = [Velocities(low, low + 0.5) for low in lower]
-    groups = [
-        ([0, 2], terms_of_inputs(grid, [each[0], each[2]], scheme), 4),
-        ([1], terms_of_inputs(grid, [each[1]], scheme), 3),
-    ]
-    found = evolve_each(grid, values, groups, 0.05, scheme, values - 0.3)
-    scratch: dict = {}
-    for _ in range(2):  # what was left in it before does not matter
-        again = evolve_each(grid, values, groups, 0.05, scheme, values - 0.3, scratch)
-        assert np.array_equal(found, again)
-        for kept in scratch.values():
-            kept.fill(np.nan)
-    for j, steps in enumerate((4, 3, 4)):
-        alone = evolve(grid, values, each[j], 0.05, scheme, obstacle=values - 0.3, steps=steps)
-        np.testing.assert_array_equal(found[j], alone)
-    coupled = Velocities(lower[0], lower[0] + 0.5, drift=lower[:1], gain=np.zeros((1, 2, *lower.shape[1:])))
-    assert terms_of_inputs(grid, [each[0], coupled], scheme) is None
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from parameters import but_slow
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, Grid, HopfLax, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.solver.joint import Joint
 
 ADVERSARIES = ("up", "down", "switching", "away", "exact")  # exact: knows the twin's tubes
 
@@ -131,7 +132,7 @@ CASES = {
 }
 METHODS = {
     "hji": HJI(),
-    "joint": HJI(games="joint"),
+    "joint": Joint(),
     "lax": HopfLax("linear"),
     "limited": HopfLax(),
 }

@@ -65,11 +65,7 @@ def explore_pursuer(table: Table) -> Explorer:
 
 
 def explore_arm_game(nodes: int = 25, method: str = "hji") -> Explorer:
-    """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle.
-
-    Each solve takes from the one before what has not changed.
-    """
-    last: list[Table] = []
+    """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
 
     @lru_cache(maxsize=2)  # a table of 25 nodes takes 180 MB, which the system is slow to hand out
     def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Table:
@@ -77,11 +73,7 @@ def explore_arm_game(nodes: int = 25, method: str = "hji") -> Explorer:
         problem = sdhj.arm_case_study(
             nodes, delta=delta, v_p_max=v_p, v_d_max=v_d, input_levels=levels, obstacles=obstacles
         )
-        if last:
-            last[:] = [sdhj.resolve(last[0], problem, method)]
-        else:
-            last.append(sdhj.solve(problem, method=method, progress=False, play=False))
-        return last[0]
+        return sdhj.solve(problem, method=method, progress=False, play=False)
 
     def draw(figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Numbers:
         return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y), state=(*POSTURE, 0.24, 0.24))

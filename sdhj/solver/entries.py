@@ -1,0 +1,592 @@
+"""A table on disk, an entry at a time: whole entries of the recursion in a folder, here or on many machines.
+
+    begun.json     the problem and the method, until the table is complete
+    tubes.npy, marks.npy, avoid_static.npy, avoid_moving.npy, ...
+                   the arrays of a `LookupTable`, as `sdhj.table.container` has them
+    done/          a *mark* for each part that is complete: an entry, or the avoid tubes of a step
+    shares/        tubes of some inputs alone, which are still to be united
+    problem.json   the head of the table, with the digests of all arrays; with it the table is complete
+
+A part is computed as in memory (`GridParts`), on arrays that are mapped for reading, written to its place, flushed to
+the disk, and only then marked: this is all that going on after a crash needs. The mark of an entry holds its *place*,
+the number of the tube that it has. An entry that cannot differ from the one before it has the place of that one and
+writes nothing, as in `sdhj.solver.recursion.recursion`.
+"""
+
+import importlib
+import json
+import math
+import os
+import reprlib
+import shutil
+import tempfile
+import threading
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+try:
+    import fcntl
+except ImportError:  # as on Windows
+    fcntl = None  # type: ignore[assignment]
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.union import EIGHT
+from sdhj.problem.describing import arrays_of
+from sdhj.problem.memory import require_memory
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.recursion import (
+    ARRAYS,
+    GridMethod,
+    GridParts,
+    GridSets,
+    InputRows,
+    bytes_of_entry,
+    equal_tubes,
+    said_of,
+    tell_of_never_met,
+    unshared_index,
+)
+from sdhj.solver.resolution import check_resolution
+from sdhj.table import container
+from sdhj.table.batches import entry
+from sdhj.table.files import (
+    VERSION,
+    Named,
+    TableFileError,
+    arrays_in,
+    checked_head,
+    finish_folder,
+    make_head,
+    opened_table,
+    problem_of_file,
+    replaced_whole,
+    require_writable,
+    unwritable_error,
+)
+from sdhj.table.table import AvoidTubes, LookupTable, entries
+
+BEGUN, DONE, SHARES = "begun.json", "done", "shares"
+SCRATCH = 2**26  # bytes of an array from which on it lies in a file while avoid tubes are put together
+LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
+IN_FLIGHT = 2  # rows of entries that workers have at a time
+ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one part may take
+
+
+class Part(NamedTuple):
+    """What is computed and written at a time.
+
+    kind : "avoid_static" or "avoid_moving", the avoid tubes of a step; "entry", also a goal; or "share", an entry by
+        the inputs of one byte of marks, which is united with others by the entry's own part.
+    step, within : the step k, and n of an entry; 0 otherwise.
+    byte : of a share its byte of the marks.
+    """
+
+    kind: str
+    step: int
+    within: int = 0
+    byte: int = 0
+
+    @property
+    def name(self) -> str:
+        """The name of its mark or, of a share, of its file."""
+        return f"{self.kind}-{self.step}-{self.within}" + (f"-{self.byte}.npy" if self.kind == "share" else "")
+
+
+class Folder:
+    """The folder of a table that is being solved, as one process sees it.
+
+    Attributes
+    ----------
+    path : Path
+    parts : GridParts
+        Of the problem and the method; what games sample is kept with it.
+    """
+
+    def __init__(self, path: Path, problem: ReachAvoidProblem, method: GridMethod) -> None:
+        """The folder at a path, of this problem and method; nothing is read yet."""
+        self.path, self.parts = path, GridParts(problem, method, self.scratch)
+
+    # ---- arrays
+
+    def file(self, name: str) -> Path:
+        """The path of an array's file."""
+        return self.path / container.file_name(name)
+
+    def scratch(self, shape: Sequence[int], dtype: str) -> FloatArray:
+        """An array for intermediate results, in a file without a name if it is large."""
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        if size <= SCRATCH:
+            return np.empty(shape, dtype)
+        with tempfile.TemporaryFile(dir=self.path) as stream:
+            stream.truncate(size)
+            return np.asarray(np.memmap(stream, dtype, "r+", shape=tuple(shape)))
+
+    def write(self, name: str, position: int, values: FloatArray) -> None:
+        """Write values to an array's file, `position` times as many from its first on, and flush them to the disk."""
+        data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
+        try:
+            with open(self.file(name), "r+b", buffering=0) as out:
+                out.seek(container.HEADER + position * len(data))
+                while data:
+                    data = data[out.write(data) :]
+                os.fsync(out.fileno())
+        except OSError as error:
+            raise type(error)(
+                error.errno,
+                f"cannot write {self.file(name)}: {error.strerror or error}; what is complete stays: make room, and "
+                "solve with resume=True",
+            ) from error
+
+    def tube(self, place: int) -> FloatArray:
+        """The stored tube at a place, mapped: (*shape). It must not be written."""
+        shape, dtype = self.parts.problem.grid.shape, np.dtype(self.parts.dtype)
+        begin = container.HEADER + place * int(np.prod(shape)) * dtype.itemsize
+        # what may not be written has another type, for which kernels would be compiled once more
+        return np.asarray(np.memmap(self.file("tubes"), dtype, "c", begin, shape))
+
+    @cached_property
+    def rows(self) -> InputRows:
+        """The avoid tubes, mapped, as entries are intersected with them; made once, when all of them are complete."""
+        return InputRows(self.parts.problem.grid, self.avoid_tubes())
+
+    def avoid_tubes(self) -> AvoidTubes:
+        """The avoid tubes of all steps, mapped."""
+        parts = self.parts
+        static, moving = (
+            np.asarray(np.memmap(self.file(name), parts.kind(name), "r", container.HEADER, parts.shape(name)))
+            for name in parts.axes
+        )
+        return AvoidTubes(parts.axes["avoid_static"], static, parts.axes["avoid_moving"], moving)
+
+    # ---- marks
+
+    def mark(self, part: Part) -> dict[str, Any] | None:
+        """What the mark of a part tells; None if the part is not complete."""
+        try:
+            found = json.loads((self.path / DONE / part.name).read_text())
+            if part.kind not in self.parts.axes and not 0 <= found["place"] < self.parts.shape("tubes")[0]:
+                raise ValueError
+            return dict(found)
+        except FileNotFoundError:
+            return None
+        except (ValueError, TypeError, LookupError):
+            wrong = self.path / DONE / part.name
+            raise TableFileError(f"{wrong} is damaged; remove it, and solve with resume=True") from None
+
+    def set_mark(self, part: Part, **told: Any) -> None:
+        """Mark a part as complete."""
+        with replaced_whole(self.path / DONE / part.name) as temporary:
+            temporary.write_text(json.dumps(told))
+
+    def place(self, step: int, within: int) -> int:
+        """The place of the tube that a complete entry has; where nothing depends on time that of every step."""
+        told = self.mark(Part("entry", 0 if self.parts.problem.time_invariant else step, within))
+        if told is None:
+            raise TableFileError(f"the entry of step {step} within {within} is missing in {self.path}: solve it anew")
+        return int(told["place"])
+
+    # ---- parts
+
+    def complete(self, part: Part) -> None:
+        """Compute, write and mark a part, unless it is complete; all that it follows from has to be."""
+        if self.mark(part._replace(kind="entry") if part.kind == "share" else part) is not None:
+            return
+        solved = getattr(self.parts.games, "solved", 0)
+        if part.kind == "share":
+            self._share(part)
+        else:
+            told = (self._avoid if part.kind in self.parts.axes else self._entry)(part)
+            self.set_mark(part, **{"solved": getattr(self.parts.games, "solved", 0) - solved} | told)
+
+    def _avoid(self, part: Part) -> dict[str, Any]:
+        """Write the avoid tubes of a step; returns which sets are met, and what the games have noted."""
+        shape = self.parts.shape(part.kind)[part.kind == "avoid_moving" :]
+        met = self.parts.write_avoid(part.kind, part.step, out := self.scratch(shape, self.parts.dtype))
+        self.write(part.kind, part.step, out)
+        return {"met": sorted(met), "free": dict(getattr(self.parts.games, "free", {}))}
+
+    def repeated(self, part: Part) -> bool:
+        """Whether an entry cannot differ from the one before it: whether those that it follows from are equal."""
+        if part.within < 2:
+            return False
+        one, other = (self.place(part.step + 1, part.within - n) for n in (1, 2))
+        return one == other or equal_tubes(self.tube(one), self.tube(other))
+
+    def _entry(self, part: Part) -> dict[str, Any]:
+        """Write an entry, or unite its shares; returns its place, and whether it is the tube of the one before it.
+
+        Of united shares also how many PDEs were solved for them: one for each input.
+        """
+        parts, (_, step, within, _) = self.parts, part
+        if self.repeated(part):
+            return {"place": self.place(step, within - 1), "shared": True}
+        own, tube, told = self.own_place(part), np.empty(parts.problem.grid.shape, parts.dtype), dict[str, Any]()
+        shares = sorted((self.path / SHARES).glob(part._replace(kind="share", byte="*").name))  # type: ignore[arg-type]
+        if within == 0:
+            parts.write_goal(step, tube)
+        elif len(shares) == parts.shape("marks")[1]:
+            tube.fill(np.inf)
+            told = {"solved": len(parts.problem.inputs)}
+            for share in shares:
+                np.minimum(tube, np.load(share, mmap_mode="r"), out=tube)
+        else:
+            self.write("marks", own, self._computed(part, tube))
+        self.write("tubes", own, tube)
+        for share in shares:
+            share.unlink(missing_ok=True)
+        return told | {"place": own, "shared": False}
+
+    def _share(self, part: Part) -> None:
+        """Write an entry by the inputs of one byte of marks to a file of its own, and that byte to its place."""
+        count, target = len(self.parts.problem.inputs), self.path / SHARES / part.name
+        if target.exists() or self.repeated(part):
+            return
+        tube = np.empty(self.parts.problem.grid.shape, self.parts.dtype)
+        some = range(EIGHT * part.byte, min(EIGHT * (part.byte + 1), count))
+        marks = self._computed(part, tube, some)
+        self.write("marks", self.own_place(part) * len(marks) + part.byte, marks[part.byte])
+        with replaced_whole(target) as temporary:
+            np.save(temporary, tube)
+
+    def _computed(self, part: Part, tube: FloatArray, *some: range) -> FloatArray:
+        """Write an entry, by some inputs or by all, to `tube` (*shape), and return its marks (bytes, nodes)."""
+        marks = np.zeros(self.parts.shape("marks")[1:], np.uint8)
+        before, after = self.place(part.step, part.within - 1), self.place(part.step + 1, part.within - 1)
+        self.parts.write_entry(self.rows, part.step, self.tube(before), self.tube(after), tube, marks, *some)
+        return marks
+
+    @cached_property
+    def _unshared(self) -> FloatArray:
+        """Where the tube of each entry is written, if it has one of its own: (entries,) int64."""
+        return unshared_index(self.parts.problem)
+
+    def own_place(self, part: Part) -> int:
+        """Where the tube of an entry is written, if it has one of its own."""
+        return int(self._unshared[entry(self.parts.problem.steps, part.step, part.within)])
+
+    # ---- the whole
+
+    def told(self, parts: Sequence[Part]) -> list[dict[str, Any]]:
+        """What the marks of some parts tell; TableFileError where one is missing."""
+        found = {part.name: self.mark(part) for part in parts}
+        if missing := [name for name, one in found.items() if one is None]:
+            raise TableFileError(f"{missing[0]} is missing in {self.path / DONE}: solve it anew with resume=True")
+        return [one for one in found.values() if one is not None]
+
+    @property
+    def places(self) -> FloatArray:
+        """The places of all entries, in the order of the table's index: (entries,); all entries have to be complete."""
+        return np.array([self.place(*one) for one in entries(self.parts.problem.steps).tolist()])
+
+    @property
+    def moved(self) -> int:
+        """How many tubes `closed_up` has looked after."""
+        file = self.path / DONE / "moved"
+        return int(file.read_text()) if file.exists() else 0
+
+    def closed_up(self) -> FloatArray:
+        """The index (entries,) int64 of the table, whose tubes are numbered in their order, without gaps.
+
+        Tubes behind entries that have none of their own are moved up, one after the other, each flushed and noted
+        before the next one, so that this too goes on where it was stopped.
+        """
+        size, places = self.parts.shape("marks")[1:], self.places
+        for number, place in enumerate(np.unique(places).tolist()):
+            if number < place and number >= self.moved:
+                begin = container.HEADER + place * math.prod(size)
+                self.write("marks", number, np.memmap(self.file("marks"), np.uint8, "r", begin, size))
+                self.write("tubes", number, self.tube(place))
+                with replaced_whole(self.path / DONE / "moved") as temporary:
+                    temporary.write_text(str(number + 1))
+        return np.searchsorted(np.unique(places), places).astype(np.int64)
+
+    def goal(self, step: int) -> FloatArray:
+        """The entry (step, 0), which is complete, mapped: (*shape); also where tubes have been moved up."""
+        place = self.place(step, 0)
+        if moved := self.moved:
+            number = int(np.searchsorted(np.unique(self.places), place))
+            place = number if number < moved else place
+        return self.tube(place)
+
+    def table(self, index: FloatArray, details: Mapping[str, Any]) -> LookupTable:
+        """The table with this index and these details, whose arrays are mapped."""
+        parts, stored = self.parts, int(index.max()) + 1
+        tubes, marks = (
+            np.asarray(
+                np.memmap(self.file(name), parts.kind(name), "r", container.HEADER, (stored, *parts.shape(name)[1:]))
+            )
+            for name in ("tubes", "marks")
+        )
+        return LookupTable(parts.problem, parts.method.name, index, tubes, marks, self.avoid_tubes(), details)
+
+    def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
+        """Make the folder a table with this index and these details, and remove what only the solve needed."""
+        parts, stored = self.parts, int(index.max()) + 1
+        every = entries(parts.problem.steps)
+        arrays = {"index": index, "entries": every} | dict(arrays_of(parts.problem))
+        for name, values in arrays.items():
+            container.begin_array(self.path, name, values.dtype.name, values.shape)
+            self.write(name, 0, values)
+        shapes = {name: (values.dtype.name, values.shape) for name, values in arrays.items()}
+        for name in ARRAYS:
+            shape = parts.shape(name)
+            shapes[name] = parts.kind(name).name, (stored, *shape[1:]) if name in ("tubes", "marks") else shape
+        told = make_head(parts.problem, parts.method.name, details, parts.problem.digest)
+        axes = {name.removeprefix("avoid_"): list(some) for name, some in parts.axes.items()}
+        finish_folder(self.path, told | {"avoid_axes": axes}, shapes)
+        (self.path / BEGUN).unlink(missing_ok=True)
+        for name in (DONE, SHARES):
+            shutil.rmtree(self.path / name, ignore_errors=True)
+
+
+# ---- who works
+
+
+def completed_here(folder: Folder, rows: Iterable[list[Part]], needs: Any) -> Iterator[Part]:
+    """Complete parts in this process, one after the other, and yield each when it is."""
+    for row in rows:
+        for part in row:
+            folder.complete(part)
+            yield part
+
+
+@lru_cache(maxsize=1)
+def folder_of(pickled: bytes) -> Folder:
+    """The folder of a pickled (path, problem, method), made once in a worker."""
+    return Folder(*importlib.import_module("cloudpickle").loads(pickled))
+
+
+def complete_alone(pickled: bytes, part: Part, *needed: Any) -> None:
+    """Complete a part in a worker of a Dask client, one at a time; what is `needed` was waited for."""
+    with ONE_AT_A_TIME:
+        folder_of(pickled).complete(part)
+
+
+def completed_by(
+    client: Any, folder: Folder, rows: Iterable[list[Part]], needs: Callable[[Part], list[Part]]
+) -> Iterator[Part]:
+    """Have the workers of a Dask client complete parts, `IN_FLIGHT` rows at a time, and yield each when it is.
+
+    Parts go through Dask's scheduler, arrays through the folder, which every worker has to see under the same path. A
+    worker that dies leaves no mark, and another one gets its part.
+
+    needs : which parts a part waits for; those that are not in `rows` are complete. An error of a worker is raised
+    here, with a note on how to go on; what has not begun then is cancelled.
+    """
+    given = folder.path, folder.parts.problem, folder.parts.method
+    pickled = importlib.import_module("cloudpickle").dumps(given)
+    flying, left = importlib.import_module("distributed").as_completed(), list[int]()
+    futures, came_from = dict[Part, Any](), dict[str, tuple[Part, int]]()
+
+    def landed() -> Part:
+        """The next part that is complete."""
+        future = next(flying)
+        future.result()
+        part, row = came_from.pop(future.key)
+        left[row] -= 1
+        return part
+
+    try:
+        for number, row in enumerate(rows):
+            while sum(map(bool, left)) >= IN_FLIGHT:
+                yield landed()
+            left.append(len(row))
+            for part in row:
+                waited = [futures[one] for one in needs(part) if one in futures]
+                future = client.submit(complete_alone, pickled, part, *waited, pure=False)
+                futures[part], came_from[future.key] = future, (part, number)
+                flying.add(future)
+        while came_from:
+            yield landed()
+    except Exception as error:
+        more = "with more memory for the workers if that is what ended them"
+        error.add_note(f"what is complete stays in {folder.path}: solve with resume=True, {more}")
+        raise
+    finally:
+        client.cancel([future for future in futures.values() if not future.done()])
+
+
+# ---- a solve
+
+
+def solve_stored(sets: GridSets, path: Named, resume: bool, client: Any, done: Callable[[], Any]) -> None:
+    """Solve into a folder, entry by entry; `sdhj.load` then reads the table from there.
+
+    sets : of the problem, as the method made them; nothing has been solved.
+    resume : whether a folder that is there already goes on; without it a name that exists is an error.
+    client : a Dask client, whose workers solve; None: this process.
+    done : called after each entry with n >= 1, also after those that were complete before.
+
+    The errors are those of `sdhj.solve`.
+    """
+    folder = opened(sets, path, resume, client)
+    with alone_in(folder.path) as unfinished:
+        if unfinished:
+            fill(sets, folder, client, done)
+
+
+@contextmanager
+def alone_in(path: Path) -> Iterator[bool]:
+    """A context with whether a folder's solve is unfinished; others of this machine wait for its end."""
+    try:
+        stream = open(path / BEGUN, "rb")
+    except FileNotFoundError:
+        yield False
+        return
+    with stream:
+        if fcntl is not None:
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        yield not (path / container.HEAD).exists()
+
+
+def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -> None:
+    """Complete all parts of a folder, and make it a table; the arguments are those of `solve_stored`."""
+    started, problem = time.perf_counter(), sets.problem
+    completed = completed_here if client is None else partial(completed_by, client)
+    static, moving = folder.parts.axes.values()
+    avoid = [Part("avoid_static", 0)] * bool(static)
+    avoid += [Part("avoid_moving", step) for step in range(problem.steps if moving else 0)]
+    goals = [Part("entry", step) for step in sets.rows_of_entries]
+    for _ in completed(folder, [[*avoid, *goals]], lambda part: []):
+        pass
+    free: dict[int, float] = {}
+    for one in (told := folder.told(avoid)):
+        free |= {int(at): max(share, free.get(int(at), 0.0)) for at, share in one["free"].items()}
+    tell_of_never_met(problem, {position for one in told for position in one["met"]})
+    sets.look_over(folder.goal, free)
+    # one row is a chain, so that machines help only within an entry
+    apart = client is not None and problem.time_invariant and getattr(folder.parts.games, "apart", False)
+    shares = range(folder.parts.shape("marks")[1]) if apart else range(0)
+
+    def row(step: int) -> list[Part]:
+        """The entries of a step with n >= 1, each behind its shares."""
+        each = [Part("entry", step, n) for n in range(1, problem.steps - step + 1)]
+        return [part for one in each for part in (*(one._replace(kind="share", byte=b) for b in shares), one)]
+
+    def needs(part: Part) -> list[Part]:
+        """What a part waits for: the two entries that it follows from, and an entry for its shares."""
+        later = 0 if problem.time_invariant else part.step + 1
+        own = [part._replace(kind="share", byte=byte) for byte in shares] if part.kind == "entry" else []
+        return [*own, *{Part("entry", step, part.within - 1) for step in (part.step, later)}]
+
+    for part in completed(folder, map(row, sets.rows_of_entries), needs):
+        if part.kind == "entry":
+            done()
+    told = folder.told([*avoid, *goals, *(one for k in sets.rows_of_entries for one in row(k) if one.kind == "entry")])
+    index = folder.closed_up()
+    solved, shared = sum(one["solved"] for one in told), sum(one.get("shared", False) for one in told)
+    details = sets.options | sets.counts(solved, shared) | {"seconds": time.perf_counter() - started}
+    folder.finish(index, details | sets.said_of(folder.table(index, details)))
+
+
+def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
+    """The folder of a solve: new, or one that is there and goes on; memory and disk are looked at before.
+
+    ValueError if the method cannot be solved into a folder, or an argument is none. FileExistsError, TableFileError,
+    MemoryError, OSError as `sdhj.solve` lists them.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
+    if not isinstance(resume, bool):
+        raise ValueError(f"resume must be True or False, got {reprlib.repr(resume)}")
+    if client is not None and not (callable(getattr(client, "submit", None)) and hasattr(client, "scheduler_info")):
+        raise ValueError(f"client must be a distributed.Client, got {reprlib.repr(client)}")
+    problem, found = sets.problem, Folder(Path(os.path.abspath(path)), sets.problem, sets.parts.method)
+    if (there := os.path.lexists(found.path)) and not resume:
+        raise FileExistsError(
+            f"{found.path} exists already; go on with it by resume=True, remove it, or choose another name"
+        )
+    if there and (found.path / container.HEAD).exists():
+        check_finished(found, sets)
+        return found
+    if there:
+        check_begun(found, sets)
+    said = said_of(problem, found.parts.dtype)
+    require_memory(needed := bytes_of_entry(found.parts), "an entry of this solve", said)
+    for name, one in (client.scheduler_info()["workers"] if client is not None else {}).items():
+        if 0 < (limit := one.get("memory_limit") or 0) < needed:
+            few = f"{needed / 1e9:.3g} GB, and the worker {name} has {limit / 1e9:.3g} GB"
+            raise MemoryError(f"an entry of this solve needs about {few}; {said}")
+    check_resolution(problem, most=LOOKED_AT)
+    if not there:
+        begin(found, sets)
+    return found
+
+
+def head_of(sets: GridSets) -> dict[str, Any]:
+    """What begun.json has: the head of a table without details, and the method's options, as JSON gives it back."""
+    head = make_head(sets.problem, sets.parts.method.name, {}, sets.problem.digest) | {"options": sets.options}
+    return dict(json.loads(json.dumps(head)))
+
+
+def begin(folder: Folder, sets: GridSets) -> None:
+    """Make the folder of a new solve: its arrays, empty, and begun.json. It appears when all of that is there.
+
+    OSError, with what to do, if it cannot be written; warns if the disk has too little room.
+    """
+    path, parts = folder.path, folder.parts
+    require_writable(path.parent)
+    needed = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
+    with suppress(OSError):
+        if needed > (free := shutil.disk_usage(path.parent).free):
+            warnings.warn(
+                f"{path} takes up to {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; where the disk is full "
+                "the solve ends, and goes on with resume=True",
+                stacklevel=5,
+            )
+    temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}")
+    try:
+        for name in (DONE, SHARES):
+            (temporary / name).mkdir(parents=True)
+        for name in ARRAYS:
+            container.begin_array(temporary, name, parts.kind(name).name, parts.shape(name))
+            if not parts.axes.get(name, True):  # nothing to avoid
+                nothing = np.full(parts.shape(name), -np.inf, parts.dtype)
+                Folder(temporary, parts.problem, parts.method).write(name, 0, nothing)
+        (temporary / BEGUN).write_text(json.dumps(head_of(sets)))
+        os.rename(temporary, path)
+    except OSError as error:
+        raise unwritable_error(path.parent, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_begun(folder: Folder, sets: GridSets) -> None:
+    """Check that a folder was begun for this problem, method and version, before its solve goes on; TableFileError."""
+    try:
+        head = json.loads((folder.path / BEGUN).read_text())
+        checked = checked_head(head)
+    except (OSError, LookupError, ArithmeticError, AttributeError, ValueError, TypeError) as error:
+        raise TableFileError(f"{folder.path} is no folder of a solve ({error}); choose another name") from error
+    if (its := head["sdhj_version"]) != VERSION:
+        raise TableFileError(
+            f"{folder.path} was begun by sdhj {its}, and this is {VERSION}, which may round otherwise; solve it anew"
+        )
+    now = head_of(sets)
+    if (head["method"], head.get("options")) != (now["method"], now["options"]):
+        its = f"method {head['method']!r} with {head.get('options')}"
+        raise TableFileError(
+            f"{folder.path} is being solved by {its}, and this is {now['method']!r} with {now['options']}"
+        )
+    problem_of_file(folder.path, checked, arrays_of(sets.problem), sets.problem)
+
+
+def check_finished(folder: Folder, sets: GridSets) -> None:
+    """Check that a folder has the table of this problem by this method, with these options; TableFileError."""
+    with opened_table(folder.path, check=False) as (head, file):
+        options = {name: head["details"].get(name) for name in sets.options}
+        now = head_of(sets)
+        if (head["method"], options) != (now["method"], now["options"]):
+            raise TableFileError(
+                f"{folder.path} was solved by method {head['method']!r} with {options}, and this is {now['method']!r} "
+                f"with {now['options']}"
+            )
+        problem_of_file(folder.path, head, arrays_in(file), sets.problem)

@@ -1,0 +1,133 @@
+"""The reach-avoid game of Prop. 1 in one PDE for each input, in place of the three games of App. A.3.
+
+The two agree up to the scheme's error; this one is there to be compared with.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache, partial
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.boxes import Maxima
+from sdhj.problem.checks import Options
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.games import HJIGames, ObstacleFunction, Pieces, in_eights
+from sdhj.solver.recursion import GridSets
+from sdhj.solver.schemes import Scheme, checked_scheme, evolve_with_early_end
+from sdhj.table.table import AvoidTubes
+
+
+class JointGames(HJIGames):
+    """Games whose reach sets avoid all unsafe sets already, but not the unsafe ends of axes.
+
+    The attributes are those of `HJIGames`.
+    """
+
+    @property
+    def shifted(self) -> bool:
+        """Whether the moving frame is used: as for `HJIGames`, but never with unsafe sets, which would move in it."""
+        return super().shifted and not self.problem.unsafe
+
+    def grouped_reach_sets(self, values: FloatArray, step: int, some: range | None = None) -> Iterator[Maxima | Pieces]:
+        """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time.
+
+        For each input a PDE is solved, with -g of the sets that are unsafe under this input as obstacle. Without unsafe
+        sets they are reach sets, as those of `HJIGames`.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        some : the inputs that are meant, only where they are `apart`; None: all.
+        """
+        problem, grid = self.problem, self.grid
+        if not problem.unsafe:
+            yield from super().grouped_reach_sets(values, step, some)
+            return
+        steps = self.steps(self.axes, step)
+        obstacles = [ObstacleFunction.of(problem, unsafe_set, unsafe_set.axes) for unsafe_set in problem.unsafe]
+        unsafe = [self.obstacle_at(obstacle, step, steps) for obstacle in obstacles]
+
+        @cache
+        def union(which: tuple[int, ...], tau: float) -> FloatArray:
+            """The maximum of -g over some unsafe sets, given by their positions, at tau s left: (*shape), kept."""
+            highest = np.full((1,) * grid.ndim, -np.inf)
+            for place in which:
+                highest = np.maximum(highest, grid.lift(unsafe[place](tau), obstacles[place].axes))
+            return np.ascontiguousarray(np.broadcast_to(highest, grid.shape), dtype=self.dtype)
+
+        def solved() -> Iterator[tuple[int, FloatArray]]:
+            """Yield (j, level-set function of its reach-avoid set) for every input j; counted in `solved`."""
+            for j in range(self.count) if some is None else some:
+                self.solved += 1
+                velocities = self.velocities(j, self.axes, step)
+                which = tuple(place for place, one in enumerate(problem.unsafe) if one.counts(j))
+                instant = problem.view_time == "instantaneous"
+                met: Any = None if not which else partial(union, which) if instant else union(which, 0.0)
+                given = grid, values, velocities, self.duration, self.scheme, self.early
+                yield j, evolve_with_early_end(*given, obstacle=met, steps=steps)[grid.inner]
+
+        yield from in_eights(solved())
+
+
+class JointSets(GridSets):
+    """`GridSets` whose reach sets avoid everything already, but the unsafe ends of axes."""
+
+    storable = False
+
+    def avoided(self, avoid: AvoidTubes) -> AvoidTubes:
+        """The avoid tubes that reach sets are intersected with: none, unless the grid has unsafe ends."""
+        if self.problem.grid.has("fails"):
+            return avoid
+        nothing = np.full(len(avoid.static), -np.inf, avoid.static.dtype)
+        return AvoidTubes((), nothing, (), np.tile(nothing, (len(avoid.moving), 1)))
+
+
+@dataclass(frozen=True)
+class Joint(Options):
+    """Method "joint": the reach-avoid game of Prop. 1 in one PDE for each input.
+
+    With unsafe sets the PDE is solved as by `Scheme(frame="fixed")`, because in coordinates that move with the drift
+    these sets would move differently for each input. It is more diffusive than `sdhj.HJI`, and may promise what lies in
+    a gap between pieces of a tube (`sdhj.solver.gaps`).
+
+    Parameters
+    ----------
+    scheme : Scheme
+        How the equations are discretised.
+
+    Raises
+    ------
+    ValueError
+        If `scheme` is no `sdhj.Scheme`; by `sdhj.solve` if the method does not fit the problem.
+
+    Examples
+    --------
+    The share of the states from which the target is reached within 3 steps, by the games apart and by the joint one:
+
+    >>> import sdhj
+    >>> from sdhj.solver.joint import Joint
+    >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in (sdhj.HJI(), Joint())]
+    [0.18, 0.16]
+    """
+
+    scheme: Scheme = field(default_factory=Scheme)
+    name: ClassVar[str] = "joint"
+
+    def __post_init__(self) -> None:
+        """Check the scheme; ValueError where it is none."""
+        checked_scheme(self.scheme)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the scheme as plain values by name; a table's details have them."""
+        return dict(vars(self.scheme))
+
+    def on(self, problem: ReachAvoidProblem) -> JointGames:
+        """The games of the intervals of a problem."""
+        return JointGames(problem, self.scheme)
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> JointSets:
+        """The tubes as level-set functions on the grid, to be filled in by `recursion`; as `HJI.sets`."""
+        return JointSets(problem, self)

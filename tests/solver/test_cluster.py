@@ -1,0 +1,149 @@
+"""Entries as tasks of Dask's scheduler: the same bits, also where workers die."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+import toys
+from on_disk import assert_bit_equal
+
+import sdhj
+from sdhj.solver.entries import Folder, Part
+
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),  # so that few workers have to be started anew
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            dashboard_address=None,
+            local_directory=str(tmp_path_factory.mktemp("dask")),
+            worker_class=distributed.Nanny,
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def threads():
+    """Two workers in this process, which takes seconds less."""
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def turning(inputs=25, steps=4):
+    """A car with many inputs, of which each has a game of its own; nothing depends on time."""
+    rates = np.linspace(-1.0, 1.0, inputs)[:, None]
+
+    def drift(q, u):
+        return np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1, -1, -np.pi], [1, 1, np.pi], [9, 9, 12], [False, False, True]),
+        sdhj.Dynamics(rates, drift, np.eye(3), [0.05, 0.05, 0.1]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.4),
+        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6, p[:, 1]) - 0.2, name="post")],
+        0.2,
+        steps,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "method"),
+    [
+        (lambda: toys.torus_problem(nodes=24), "hji"),
+        (lambda: toys.torus_problem(nodes=24), "lax"),
+        (turning, "hji"),
+        (lambda: toys.interval_problem(steps=4, ends="unsafe"), sdhj.HJI(sdhj.Scheme(frame="fixed"))),
+        (lambda: sdhj.arm_case_study(nodes=7, steps=3), "projected"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_workers_give_every_bit(threads, tmp_path, make, method):
+    problem = make()
+    stored = sdhj.solve(problem, method, store=tmp_path / "t", client=threads, progress=False)
+    table = sdhj.solve(problem, method, progress=False, play=False)
+    assert_bit_equal(stored, table)
+    assert stored.details["pdes_solved"] == table.details["pdes_solved"]
+
+
+@pytest.mark.slow
+def test_inputs_of_one_row_are_shared_out_in_eights(threads, tmp_path, monkeypatch):
+    shared, share = [], Folder._share
+
+    def counted(self, part):
+        shared.append(part)
+        return share(self, part)
+
+    monkeypatch.setattr(Folder, "_share", counted)
+    sdhj.solve(turning(), store=tmp_path / "t", client=threads, progress=False)
+    assert {(part.within, part.byte) for part in shared} == {(n, byte) for n in range(1, 5) for byte in range(4)}
+    assert not (tmp_path / "t" / "shares").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [lambda: toys.torus_problem(nodes=40), turning])
+def test_workers_give_every_bit_though_one_is_killed(client, tmp_path, monkeypatch, make):
+    """While they have entries in hand, and some are there."""
+    problem, store = make(), tmp_path / "t"
+    victim, killed, submit = next(iter(client.run(os.getpid).values())), [], client.submit
+
+    def killing(*task, **options):
+        if not killed and (store / "done").exists() and any((store / "done").glob("entry-*")):
+            killed.append(os.kill(victim, signal.SIGKILL))
+        return submit(*task, **options)
+
+    monkeypatch.setattr(client, "submit", killing)
+    stored = sdhj.solve(problem, store=store, client=client, progress=False)
+    assert killed
+    assert victim not in client.run(os.getpid).values()
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False))
+
+
+@pytest.mark.slow
+def test_begun_here_and_finished_by_workers(threads, tmp_path, monkeypatch):
+    problem, complete = turning(), Folder.complete
+
+    def limited(self, part):
+        if part == Part("entry", 0, 2):
+            raise KeyboardInterrupt
+        complete(self, part)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Folder, "complete", limited)
+        with pytest.raises(KeyboardInterrupt):
+            sdhj.solve(problem, store=tmp_path / "t", progress=False)
+    stored = sdhj.solve(problem, store=tmp_path / "t", client=threads, resume=True, progress=False)
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False))
+
+
+@pytest.mark.slow
+def test_an_error_in_a_worker_is_told(threads, tmp_path, monkeypatch):
+    def fails(self, part):
+        raise RuntimeError("no")
+
+    monkeypatch.setattr(Folder, "_entry", fails)
+    with pytest.raises(RuntimeError, match="no") as told:
+        sdhj.solve(toys.torus_problem(nodes=12), store=tmp_path / "t", client=threads, progress=False)
+    assert "what is complete stays in" in told.value.__notes__[0]
+
+
+@pytest.mark.slow
+def test_workers_with_too_little_memory_are_told(threads, tmp_path, monkeypatch):
+    about = threads.scheduler_info()
+    for one in about["workers"].values():
+        one["memory_limit"] = 10**7
+    monkeypatch.setattr(threads, "scheduler_info", lambda: about)
+    with pytest.raises(MemoryError, match=r"needs about .* GB, and the worker .* has 0\.01 GB"):
+        sdhj.solve(toys.torus_problem(nodes=12), store=tmp_path / "t", client=threads, progress=False)
