@@ -100,6 +100,7 @@ def test_every_method_on_every_problem_has_the_bits_of_memory(name, tmp_path):
     assert told == {key: stored.details[key] for key in told}
 
 
+@pytest.mark.slow
 def test_equal_tubes_are_stored_once_and_the_index_is_that_of_memory(tmp_path):
     problem = settling()
     table = sdhj.solve(problem, progress=False)
@@ -142,6 +143,7 @@ def test_resume_begins_where_there_is_nothing(problem, table, tmp_path):
     assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t", resume=True, progress=False), table)
 
 
+@pytest.mark.slow
 def test_tubes_that_are_being_moved_up_are_not_lost(tmp_path, monkeypatch):
     """Stopped at every write of what is done when all entries are complete."""
     problem, finishing, counted = settling(), [], []
