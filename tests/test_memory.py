@@ -188,3 +188,39 @@ def test_round_a_period_and_beside_walls():
         known, lost = table.next_points(known, inputs, 0, seen)
         apart = np.abs((known - states + length / 2) % length - length / 2)
         assert not lost.any() and (apart <= 0.05 + 1e-9).all()
+
+
+def test_a_prediction_by_itself_is_refused(fast):
+    """What an own loop of `select` would ask, which is promised nothing; the point of `step` is answered."""
+    rng, controller, state = np.random.default_rng(4), sdhj.Controller(fast), np.array([[0.5, 0.3]])
+    asked = {
+        "select": lambda q, **given: controller.select(q, **given),
+        "steps_to_go": lambda q, **given: controller.steps_to_go(q, **given),
+        "safe_inputs": lambda q, **given: controller.safe_inputs(q, **given),
+        "filter": lambda q, **given: controller.filter(q, 0, 4, **given),
+    }
+    for ask in asked.values():  # before a loop has begun
+        with pytest.raises(ValueError, match=r"promises nothing of a prediction by itself: ask controller\.step"):
+            ask(controller.predict(measured(state, rng)[0]))
+        ask(controller.predict(measured(state, rng)[0]), first=True)
+    for k in range(30):
+        action = controller.step(measured(state, rng)[0], time=0.01 * k)
+        assert (np.abs(action.point - state[0]) <= ERROR + 1e-12).all()
+        assert controller.select(action.point) == action.input and action.input in controller.safe_inputs(action.point)
+        assert not action.point.flags.writeable
+        raw = controller.predict(state[0] + rng.uniform(-1, 1, 2) * ERROR, action.input)
+        for ask in asked.values():
+            ask(action.point)
+            with pytest.raises(ValueError, match="a prediction by itself"):
+                ask(raw)
+        state, hit = moved(state, LEVELS[[action.input], 0], 0.01, rng)
+        assert not hit.any()
+
+
+def test_who_remembers_nothing_may_ask_of_every_prediction():
+    controller, rng = sdhj.Controller(solved(0.1, memory=False)), np.random.default_rng(5)
+    state = np.array([[0.2, 0.1]])
+    for _ in range(20):
+        chosen = controller.select(controller.predict(measured(state, rng)[0]))
+        state, hit = moved(state, LEVELS[[chosen], 0], 0.1, rng)
+        assert not hit.any()

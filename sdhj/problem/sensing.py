@@ -29,7 +29,8 @@ to under the input. The next c is the prediction, clipped to [L + E, H - E] (the
 is in it again +- E, because it is in [L, H] and within E of the prediction. So in place of "shrunk by E" in K, the box
 [L, H] of a point is shrunk: M_k^n are the points c for which one u is right for every state of c +- E and leads to
 points of M_{k+1}^{n-1} only. `Controller.step` is the loop that remembers; who asks `select` with every new prediction
-does not, and is promised nothing by such a table beyond the step: `memory=False` is for who cannot remember.
+does not, would be promised nothing by such a table beyond the step, and is refused: `memory=False` is for who cannot
+remember.
 
 On an axis along which all of [L, H] is held at a wall the state is known: the next c is at the wall, and its box has no
 width there. So who brakes until nothing it can have come to moves stands, whatever it measures; a first measurement

@@ -8,14 +8,14 @@ both questions (`notebooks/site/queries.md` says how), and a rule selects one of
 import reprlib
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import finite_array, number, plain_array, real_array, states_array, whole
+from sdhj.problem.checks import finite_array, number, plain_array, read_only_view, real_array, states_array, whole
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 from sdhj.table.beside import Fallback, Filtered, commands_of, fallbacks, predicted, squared_distances
 from sdhj.table.rules import RULES, Candidates, Rule
@@ -69,6 +69,9 @@ class Action:
         Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement. Or,
         where the controller remembers (`Sensing.memory`), whether the measurement is farther from what was possible
         than its error allows, so that an assumption broke. The loop then begins anew, with this measurement alone.
+    point : (ndim,) array
+        What the answer is about: the prediction or, where the controller remembers, the point that it carries on, of
+        which `select` and the others may be asked, too.
     """
 
     input: int
@@ -77,6 +80,7 @@ class Action:
     promised: bool
     late: float
     missed: bool
+    point: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def arrived(self) -> bool:
@@ -91,8 +95,9 @@ class Controller:
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on. Making a
-    controller loads and prepares what its answers need, so that the first one takes no longer than others.
+    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on. Other
+    queries of a single state take only this point, or a first prediction (`first=True`). Making a controller loads and
+    prepares what its answers need, so that the first one takes no longer than others.
 
     Parameters
     ----------
@@ -169,12 +174,12 @@ class Controller:
                 self.table.next_points(some, np.zeros(len(some), np.int64), step, some)
             for one in some:
                 self.fallback(one, step)
-                self.filter(one, step, 0)
+                self.filter(one, step, 0, first=True)
             self._explain(some[:1], step)
 
     # ---- one state
 
-    def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
+    def steps_to_go(self, q: FloatArray, step: int | None = None, *, first: bool = False) -> int | None:
         """Fewest steps in which the target can be reached safely from a state, or None if no tube contains it.
 
         Parameters
@@ -183,6 +188,8 @@ class Controller:
             The state, in the units of the grid's axes.
         step : int, optional
             The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+        first : bool
+            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
 
         Returns
         -------
@@ -193,7 +200,8 @@ class Controller:
         Raises
         ------
         ValueError
-            If q or step does not fit.
+            If q or step does not fit, if a table for controllers that remember is asked about anything else than
+            a first prediction or the point that `step` carried on.
 
         Examples
         --------
@@ -202,10 +210,11 @@ class Controller:
         >>> controller.steps_to_go([-2.1], 0), controller.steps_to_go([0.5], 0), controller.steps_to_go([3.9], 0)
         (3, 0, None)
         """
+        self._require_carried(q, step, first)
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
 
-    def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
+    def safe_inputs(self, q: FloatArray, step: int | None = None, *, first: bool = False) -> FloatArray:
         """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
 
         Each leads into the tube of one step less, or from the target back into it.
@@ -216,6 +225,8 @@ class Controller:
             The state, in the units of the grid's axes.
         step : int, optional
             The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+        first : bool
+            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
 
         Returns
         -------
@@ -228,7 +239,8 @@ class Controller:
         NotAdmissible
             If no tube of this step contains q.
         ValueError
-            If q or step does not fit.
+            If q or step does not fit, if a table for controllers that remember is asked about anything else than
+            a first prediction or the point that `step` carried on.
 
         Examples
         --------
@@ -237,9 +249,10 @@ class Controller:
         >>> problem.inputs[controller.safe_inputs([-2.1], 0)]
         array([[1.]])
         """
+        self._require_carried(q, step, first)
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
-    def select(self, q: FloatArray, step: int | None = None, before: int | None = None) -> int:
+    def select(self, q: FloatArray, step: int | None = None, before: int | None = None, *, first: bool = False) -> int:
         """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
 
         Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
@@ -253,6 +266,8 @@ class Controller:
             The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
         before : int
             Index of the input held until now, which a rule may heed; -1 if there is none.
+        first : bool
+            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
 
         Returns
         -------
@@ -265,8 +280,9 @@ class Controller:
             If no tube of this step contains q; see `fallback`. For a certified table also in the target, where no input
             is proved to lead back into it.
         ValueError
-            If q or step does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
-            does not return a number for each safe input.
+            If q or step does not fit, if a table for controllers that remember is asked about anything else than a
+            first prediction or the point that `step` carried on, at the last step N, after which nothing is left to do,
+            or if a rule of your own does not return a number for each safe input.
 
         Examples
         --------
@@ -275,6 +291,7 @@ class Controller:
         >>> problem.inputs[controller.select([-2.1], 0)]
         array([1.])
         """
+        self._require_carried(q, step, first)
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
             if self.table.proved and not self.problem.has_no_target and batch.steps_to_go[0] == 0:
@@ -337,6 +354,21 @@ class Controller:
             return 1
         steps = self.table.steps
         return max(steps - whole("step", step, least=0, most=steps), 1)
+
+    def _require_carried(self, q: FloatArray, step: int | None, first: bool) -> None:
+        """Raise ValueError where a table for a controller that remembers is asked about a prediction by itself.
+
+        It may be asked about a first one, and about the point that `step` has carried to its last answer.
+        """
+        if first or not self.problem.sensing.remembers:
+            return
+        point, at = self.remembered or (None, None)
+        if point is None or not np.array_equal(point, q) or (self.depends_on_time and step != at):
+            raise ValueError(
+                "this table counts on a controller that remembers, and promises nothing of a prediction by itself: ask "
+                "controller.step(measurement, time), or about the point that it carries on (action.point); say "
+                "first=True of a loop's first prediction, or solve with Sensing(..., memory=False)"
+            )
 
     def _query(
         self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None
@@ -541,10 +573,13 @@ class Controller:
         if step == steps:
             chosen = problem.sensing.rest
         elif chosen == NOT_ADMISSIBLE:  # in the target the task is done, and nobody waits for an input
-            chosen = self.fallback(state, step).input if fallback or to_go == 0 else self.select(state, step)
+            chosen = (
+                self.fallback(state, step).input if fallback or to_go == 0 else self.select(state, step, first=True)
+            )
         promised = bool(batch.promised[0]) and not missed
         self.remembered = state, step
-        self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
+        known = None if to_go == NOT_ADMISSIBLE else to_go
+        self.last = Action(chosen, k, known, promised, late, missed, read_only_view(state))
         return self.last
 
     def _sampling_time(self, time: float) -> tuple[int, float, bool]:
@@ -598,7 +633,7 @@ class Controller:
         step = self._at(step)
         return self.table.batch(states, step, self._within(step))
 
-    def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
+    def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None, *, first: bool = False) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
@@ -616,6 +651,8 @@ class Controller:
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
+        first : bool
+            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
 
         Returns
         -------
@@ -636,6 +673,8 @@ class Controller:
         (2, True)
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
+        if np.ndim(q) == 1:
+            self._require_carried(q, step, first)
         if self.table.proved and np.ndim(q) == 1 and (found := self._filtered(q, step, wanted)):
             return found
         q, wanted = real_array("states", q), plain_array("wanted", wanted)
