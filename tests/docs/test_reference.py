@@ -94,7 +94,7 @@ def test_every_warning_and_error_that_a_user_meets_is_offered_by_the_package() -
         "Refusal",
         "Stated",
         "Unbounded",
-    }  # the command's, and others that are caught inside
+    }  # not met by users
     assert found - caught <= set(sdhj.__all__) and len(found) >= 6
     assert {kind: issubclass(getattr(sdhj, kind), Warning) for kind in found & set(sdhj.__all__)} == {
         kind: kind.endswith("Warning") for kind in found & set(sdhj.__all__)
