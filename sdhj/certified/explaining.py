@@ -106,7 +106,25 @@ def scanty_finding(table: Any) -> Finding | None:
     lost = inside if likely else lost
     at = np.array2string(drawn[np.argmax(lost)], precision=3, separator=", ")
     advice = _advice(limits, drawn[lost], ' and "hji" claims' * bool(likely))
+    advice += "".join(f"; {one}" for one in left_out(problem)) if limits.endless and not share else ""
     return Finding(f"{message}. ", share, f"{advice}. See table.explain({at})")
+
+
+def left_out(problem: ReachAvoidProblem) -> list[str]:
+    """Advice, for each axis that no velocity and no unsafe set reads, to leave it out, with what that gives up.
+
+    Only of problems of three axes or more without a target, where enough is left to be kept.
+    """
+    grid, out = problem.grid, []
+    read: Any = problem.dynamics.reads.any(axis=0)
+    fails = grid.ends_where("fails")
+    for axis in range(grid.ndim) if grid.ndim > 2 and problem.has_no_target else ():
+        if not read[axis] and fails[:, axis].any() and all(axis not in part.axes for part in problem.unsafe):
+            name, between = grid.names[axis], f"{grid.lower[axis]:g} and {grid.upper[axis]:g}"
+            out.append(
+                f"{name} left out, which no velocity depends on; then it is not promised to stay between {between}"
+            )
+    return out
 
 
 def _advice(limits: Limits, states: FloatArray, besides: str = "") -> str:

@@ -149,7 +149,7 @@ class Limits:
 
     @cached_property
     def of_cells(self) -> tuple[Gain, ...]:
-        """What more cells along an axis gain on copies, and a longer interval, of `DRAWN` states that the grid has.
+        """What more cells along an axis gain on copies, and inputs held longer, of `DRAWN` states that the grid has.
 
         Shares are those at step 0 with all steps to go. As `gains` tells them, the largest first.
         """
@@ -281,13 +281,19 @@ class Limits:
         return aligned(self.problem, [max(round(factor * one), FEWEST) for one in cells.tolist()])
 
     def _of_cells(self) -> Iterator[tuple[str, str, Callable[[], Any]]]:
-        """Yield ("", helps, solve) of twice the cells along each axis, and of an interval of twice the length."""
+        """Yield ("", helps, solve) of twice the cells along each axis, and of inputs held for two and three periods."""
         problem, axes = self.problem, self.axes
         for k, name in enumerate(problem.grid.names):
             finer = axis_of(problem.grid, k, axes[k].width / 2, axes[k].layers)
             yield "", f"{MORE_CELLS} {name}", partial(self._by_cells, problem, (*axes[:k], finer, *axes[k + 1 :]))
-        longer = partial(replace, problem, delta=2 * problem.delta, steps=self._steps(0.5))
-        yield "", "a longer interval", lambda: self._by_cells(longer(), axes)
+        for periods, number in ((2, "two"), (3, "three")):
+            helps = f"inputs held for {number} periods, delta={periods * problem.delta:g}"
+            yield "", helps, partial(self._held_longer, periods)
+
+    def _held_longer(self, periods: int) -> Any:
+        """The table of the problem by the copies' cells, with inputs that are held for so many of its periods."""
+        longer = replace(self.problem, delta=periods * self.problem.delta, steps=self._steps(1 / periods))
+        return self._by_cells(longer, self.axes)
 
     def _by_cells(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> Any:
         """The table of a problem by cells as wide as those of `axes`, with the layers that the problem has.
