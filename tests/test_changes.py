@@ -69,6 +69,7 @@ def test_what_is_not_listed_has_its_changes():
     assert clauses | terms < set(changes(IF)) and list(changes(IF.body[0])) == ["drop"]
 
 
+@pytest.mark.slow
 def test_every_row_of_the_tables_changes_something_and_every_number_is_in_a_row():
     rows = {}
     for name in TABLES:

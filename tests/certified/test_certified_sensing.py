@@ -86,6 +86,7 @@ def closing(sensing):
     return replace(toys.torus_problem(), target=sdhj.TargetSet((0, 1), target), sensing=sensing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "cells", "region"),
     [
@@ -238,6 +239,7 @@ def judged(table, sensing, push, rng, count=1000):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("push", PUSHES)
 def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
     outcomes = judged(solved(), ALL, push, rng)

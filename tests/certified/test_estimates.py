@@ -23,6 +23,7 @@ def arm():
     return sdhj.arm_case_study(**SMALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "kind", "cells"),
     [

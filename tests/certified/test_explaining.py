@@ -83,6 +83,7 @@ def test_bounds_that_are_loose():
     assert any(one.startswith("closer bounds on the velocity along x, 0.1 wide, not 0.0") for one in told.helps)
 
 
+@pytest.mark.slow
 def test_explanations_agree_with_the_table(monkeypatch):
     """An input has a failure where it is not certified; of other robots and an arm with Sensing, over the seam."""
     monkeypatch.setattr("sdhj.certified.explaining.what_limits", lambda *_: ((), []))  # it is not asked about here
@@ -104,6 +105,7 @@ def test_explanations_agree_with_the_table(monkeypatch):
                 )
 
 
+@pytest.mark.slow
 def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
     """Where a coarse grid has ten times as much, or no more than the target is there; and nothing where all is well."""
     for problem, cells, words, helps in (
@@ -121,6 +123,7 @@ def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
         sdhj.solve(replace(car(), steps=8), sdhj.Certified(cells=(12, 12, 12)), progress=False, play=False)
 
 
+@pytest.mark.slow
 def test_a_state_that_may_be_measured_in_a_cell_that_is_not_certified():
     """Its own cell is certified, and what fails is of the cell where it may be measured; with a scanty table, too."""
     told = table(line(sensing=sdhj.Sensing(0.3, memory=False), steps=2), 40)

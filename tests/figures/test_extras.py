@@ -23,6 +23,7 @@ from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.runs import score_interval, simulate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bound", ["v_p_max", "v_d_max"])
 def test_a_stronger_adversary_leaves_less_until_nothing(bound):
     """Larger boxes for the adversary hold the smaller ones, so the maximum over them grows; steps this wide hide what
@@ -76,6 +77,7 @@ def compared(table):
     return compare_rules(table, 60)
 
 
+@pytest.mark.slow
 def test_rules_trade_effort_clearance_and_time(compared):
     outcomes = {outcome.rule: outcome for outcome in compared}
     assert set(outcomes) == {"deepest", "effort", "target", "clearance"}
@@ -146,12 +148,14 @@ def test_sampled_obstacles_let_collisions_through():
     assert swept.runs == sampled.runs == 80
 
 
+@pytest.mark.slow
 def test_without_an_obstacle_that_moves_view_times_agree():
     still = Disk(Still((-0.22, 0.10)), 0.06)
     outcomes = compare_view_times(nodes=9, steps=1, runs=10, obstacles=[still])
     assert len({(outcome.fraction, outcome.collided, outcome.deepest) for outcome in outcomes}) == 1
 
 
+@pytest.mark.slow
 def test_the_evader_is_caught_by_the_full_method_and_lost_by_projection():
     found = evading_target(nodes=13, steps=3, runs=200)
     assert found.won > 0.01 and found.projected_won == 0.0
@@ -201,6 +205,7 @@ def small_car():
     return replace(car(), grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], [False, False, True]), steps=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["error", *(pytest.param(one, marks=pytest.mark.slow) for one in ("delay", "jitter"))])
 def test_more_uncertainty_promises_less(small_car, kind):
     """Sets shrink, as `sdhj.problem.sensing` says; the first value is that of the perfect robot."""
@@ -216,6 +221,7 @@ def test_more_uncertainty_promises_less(small_car, kind):
     assert found["hji"][0].share == plain.fraction(start=0, within=2)
 
 
+@pytest.mark.slow
 def test_what_leaves_anything_is_found_by_halving(small_car):
     """The target is a disk of radius 0.4: E is taken off twice, on both axes, around some node."""
     assert [round(end, 3) for end in largest(lambda value: value < 0.3, 1.0, 10)] == [0.3, 0.301]

@@ -227,6 +227,7 @@ def test_few_runs_are_lost_and_many_where_nothing_is_known_of_it(name, rng):
     assert shares[False] < ALLOWED[name] and shares[True] > max(0.05, 5 * shares[False])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "runs"),
     [("ring", 500), *(pytest.param(name, RUNS, marks=pytest.mark.slow) for name in WORKED)],
@@ -249,6 +250,7 @@ def test_the_page_says_what_there_is(name, runs):
             assert told == seen
 
 
+@pytest.mark.slow
 def test_the_program_of_the_page_runs(capsys):
     page = (ROOT / "notebooks" / "site" / "worked.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
@@ -262,6 +264,7 @@ def test_the_program_of_the_page_runs(capsys):
 BAR_SPEED = PACE * np.hypot(AMPLITUDE[0], 2 * AMPLITUDE[1]) + SPIN * np.hypot(*BAR)  # m/s
 
 
+@pytest.mark.slow
 def test_the_bar_is_no_faster_than_it_should_be():
     problem = WORKED["bar"].problem(23)
     points, times = problem.grid.points(), np.linspace(0.0, 4.0, 801)
@@ -283,6 +286,7 @@ def test_what_the_bar_sweeps_is_never_too_small():
     assert 1e-5 < (sampled - true).max() < BAR_SPEED * (t1 - t0) / 38
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["fixed", "moving"])
 def test_a_quarter_turn_of_the_ring_changes_nothing(frame):
     """(x, y, theta) -> (-y, x, theta + pi / 2) takes the game, and its nodes, into itself.

@@ -247,6 +247,7 @@ def test_any_rule_may_ask_for_all_inputs_that_keep_the_steps_left(rng: np.random
         assert chosen[m] in (kept or least or [told.best[m]])
 
 
+@pytest.mark.slow
 def test_with_sensing_and_from_a_store(tmp_path: Any) -> None:
     """Predictions are states to it, remembered ones too; a table on disk gives the same."""
     noisy = rooms(steps=8, sensing=sdhj.Sensing(error=0.02, delay=0.1, memory=True))
@@ -260,6 +261,7 @@ def test_with_sensing_and_from_a_store(tmp_path: Any) -> None:
         assert (both[0] == both[1]).all()
 
 
+@pytest.mark.slow
 def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     """Each in a line that says what to do, and the advice holds."""
     made = table("hji")

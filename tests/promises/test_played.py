@@ -99,6 +99,7 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
         sdhj.solve(reach, progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(100, 100, 5), (142, 142, 5)])
 def test_an_empty_tube_is_looked_into_at_states_of_all_axes(solves_are_played: None, shape: tuple[int, ...]) -> None:
     """All is carried out of the box at 1 m/s; but for the lowest layer and the last 0.1 m, one interval is clear."""

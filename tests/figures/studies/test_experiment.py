@@ -109,6 +109,7 @@ def test_counts_of_the_encoder_change_little(monkeypatch) -> None:
     assert 0 < np.abs(noisy - calm).max() < 1.5e-3
 
 
+@pytest.mark.slow
 def test_gains_have_the_least_lever_and_e_is_of_other_records() -> None:
     found = evidence()
     assert len(gains(4.0)) == 18 and found.motors in gains(4.0)
@@ -137,6 +138,7 @@ def tip(q: np.ndarray) -> np.ndarray:
     return elbow(q) + LENGTHS[1] * np.array([np.cos(q.sum(axis=1)), np.sin(q.sum(axis=1))])
 
 
+@pytest.mark.slow
 def test_300_runs_of_the_certified_case_are_won() -> None:
     """The guarantee: a share of C of at least .10, and nothing lost; every run touches nothing and arrives."""
     assert table().fraction(start=0, within=8) >= 0.10
