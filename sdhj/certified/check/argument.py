@@ -70,6 +70,7 @@ STRIDES = 8  # in which a controller moves a measurement on
 TILE = 8  # cells along an axis that are looked at together first
 SLAB = 1 << 15  # boxes that are looked at at once
 PLACES = 1 << 16  # whose tubes are in memory at once
+MOST_TOGETHER, MOST_CELLS = 4, 1 << 26  # inputs that are looked at together, and cells of all of them
 SHOWN = 5  # failures that are named
 OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower and the upper ends of boxes
 
@@ -666,9 +667,8 @@ class Argument:
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
             numbers = begin + np.flatnonzero(asked[begin : begin + SLAB * 8])
-            for j in range(self.problem.count):
-                if numbers.size:
-                    numbers = numbers[~self.leads(numbers, step, j, sums)]
+            for j in range(self.problem.count if numbers.size else 0):
+                numbers = numbers[~self.leads(numbers, step, j, sums)]
             wrong += numbers.tolist()
         return int(new.sum()), int(asked.sum()), wrong
 
@@ -693,10 +693,11 @@ class Argument:
         return out
 
     def sums(self, cells: Array) -> Array:
-        """How many cells of a set, (cells,) bool, lie below each corner, int32; axes that close count twice over."""
+        """How many cells of a set, (cells,) bool, lie below each corner, int32; where an axis closes it goes on."""
         cells = cells.reshape(self.counts)
-        for k in np.flatnonzero(self.problem.periodic):
-            cells = np.concatenate([cells, cells], axis=k)
+        for k in axes_of(self.problem.periodic):
+            widest = int((self.high[..., k] - self.low[..., k].astype(np.int64)).max()) + 1
+            cells = np.concatenate([cells, cells.take(range(min(widest, int(self.counts[k]))), axis=k)], axis=k)
         out = np.zeros([n + 1 for n in cells.shape], np.int32)
         out[(slice(1, None),) * cells.ndim] = cells
         for axis in range(cells.ndim):
@@ -764,7 +765,8 @@ class Argument:
         boxed = any(isinstance(one, BlackBox) for each in self.problem.of.values() for one in each)
         boxed |= any(isinstance(part.function, BlackBox) for part in self.problem.parts)
         found = {"moves": Count(), "clear of the unsafe sets": Count(), ARRIVE: Count()}
-        with ThreadPoolExecutor(1 if boxed else os.cpu_count()) as pool:
+        together = min(os.cpu_count() or 1, MOST_TOGETHER, max(MOST_CELLS // chosen.size, 1))
+        with ThreadPoolExecutor(1 if boxed else together) as pool:
             for each in bar(pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)):
                 for own, one in zip(found.values(), each, strict=True):
                     own.add(one)
