@@ -312,12 +312,19 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     help="Check so many random cells (of the arm, pairs of them); 0: all.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
+@click.option("--everywhere", is_flag=True, help="Prove what the file says of cells that are not promised, too.")
 @PROBLEM
 @click.option("--table", "of_folder", type=PATH, help="Of the folder of an export: its table.")
 @click.pass_context
 @plainly
 def verify_command(
-    context: click.Context, table: Path, samples: int, seed: int, problem: str | None, of_folder: Path | None
+    context: click.Context,
+    table: Path,
+    samples: int,
+    seed: int,
+    everywhere: bool,
+    problem: str | None,
+    of_folder: Path | None,
 ) -> None:
     """Check every claim of a certified table again, or with --table those of the folder of an export."""
     exported = None
@@ -325,17 +332,17 @@ def verify_command(
         exported, table = (table / "sdhj_table.bin" if table.is_dir() else table), of_folder
     elif (table / "sdhj_table.bin").is_file():
         raise ValueError(f"{table} is the folder of an export; give the table that it was made of: --table table.npz")
-    context.exit(0 if checked(table, problem, samples, seed, exported) else 1)
+    given = {"samples": samples or None, "seed": seed, "everywhere": everywhere, "exported": exported}
+    context.exit(0 if checked(table, problem, **given) else 1)
 
 
-def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, exported: Path | None = None) -> bool:
+def checked(table: Path, problem: str | None, **options: Any) -> bool:
     """Whether the checker proves all claims of a certified table's file and, if given, of a file `exported` from it.
 
-    Prints the checker's report and the time it took.
+    Prints the problem as the checker read it, its report and the time it took.
 
     problem : "module:name" or "file.py:name", needed for black boxes; it is compared with the file's.
-    samples : how many cells, drawn by `seed`, are checked; 0: all.
-    exported : the path of an sdhj_table.bin that was written from this table; None: none is checked.
+    options : of `sdhj.certified.check.verify`.
 
     ValueError if the table is not certified; otherwise the errors of `sdhj.load`.
     """
@@ -345,8 +352,9 @@ def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, e
     began, given = time.perf_counter(), None if problem is None else user_problem(problem)
     if given is not None:
         load(table, problem=given)  # which compares: what is proved of another problem says nothing of the file's
-    report = check(table, given, samples=samples or None, seed=seed, exported=exported)
-    click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
+    report = check(table, given, **options)
+    click.echo(f"{report.problem}\n\n{report}" if report.problem else f"{report}")
+    click.echo(f"took {time.perf_counter() - began:.1f} s")
     return report.ok
 
 

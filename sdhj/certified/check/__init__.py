@@ -27,9 +27,9 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
 Statements marked `# check 4.2` are of 4, and a test fails where they are changed (tests/changes.py).
 
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
-granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
-`robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own. Both are `Sets`
-of one reader (`reading`) that say their `claims`.
+granted. This is the arm's (`arm`, with `bits`), which is compiled. For every other robot, whose functions are in the
+file as text, the whole argument is in `argument`, in NumPy alone: begin there. It reads the problem by `stated`, its
+functions by `formulas` and `intervals`, files by `files` and `reading`, and what was exported for C by `words`.
 
 From the command line: `python -m sdhj.certified.check table.npz`, or `sdhj verify table.npz`, with `--problem
 module:function` where the robot has black boxes.
@@ -37,14 +37,16 @@ module:function` where the robot has black boxes.
 
 import os
 import sys
-from typing import Any, cast
+from typing import Any
 
+from tqdm import tqdm
+
+from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.arm.claims import Arm
+from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 from sdhj.certified.check.claims import Claim, Verdict
-from sdhj.certified.check.exported import claims
 from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
-from sdhj.certified.check.robots import Robot
-from sdhj.certified.check.words import Words
+from sdhj.certified.check.words import Words, claims
 
 __all__ = ["Claim", "Verdict", "verify"]
 
@@ -53,6 +55,7 @@ def verify(
     path: str | os.PathLike[str],
     problem: Any = None,
     *,
+    everywhere: bool = False,
     samples: int | None = None,
     seed: int = 0,
     progress: bool | None = None,
@@ -67,6 +70,10 @@ def verify(
     problem : ReachAvoidProblem, optional
         For a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
         else is in the file, and is not compared with the problem: `sdhj.load(path, problem=...)` does that first.
+    everywhere : bool
+        Whether moves and clear inputs are proved of all cells, too; by default of those that are promised, which some
+        set has with a step to go. The others serve who has lost his promise (`fallback`, `hazards`, `filter`). Of an
+        arm all are, always.
     samples : int or None
         How many rows are drawn at random, each checked with all its claims; None checks every row. For a robot of one's
         own: how many cells.
@@ -76,12 +83,12 @@ def verify(
         Whether to show progress bars; by default where standard error is a terminal.
     exported : path, optional
         The folder of an export of these sets, or the `sdhj_table.bin` in it: checks as well that every word of it is
-        within what is proved of the sets (`exported`).
+        within what is proved of the sets (`words`).
 
     Returns
     -------
     Verdict
-        All claims, with what was not proved of each; `ok` if nothing failed.
+        All claims, with what was not proved of each; `ok` if nothing failed. And the problem as it was read.
 
     Raises
     ------
@@ -95,15 +102,16 @@ def verify(
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
-    words, sets = None if exported is None else Words(exported), cast(Arm | Robot | None, None)
+    words = None if exported is None else Words(exported)
+    sets: Arm | Argument | None = None
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
             expect_room(Arm.bytes_needed(arrays))
             sets = Arm(head, arrays)
-        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):  # check 7.11
-            expect_room(Robot.bytes_needed(head, arrays, samples))
-            sets = Robot(head, arrays, problem)
+        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
+            sets = Argument(head, arrays, problem)
+            expect_room(sets.bytes_needed())
     if opaque and problem is None:
         names = ", ".join(f"{name} ({why})" for name, why in opaque.items())
         raise ValueError(
@@ -113,7 +121,14 @@ def verify(
     if sets is None:
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
     silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
-    found = list(sets.claims(samples, seed, silent))
-    if words is not None:
-        found += claims(words, sets, head, silent)
-    return Verdict(tuple(found))
+    if isinstance(sets, Arm):
+        found = [*sets.claims(samples, seed, silent)]
+        found += [] if words is None else claims_of_an_arm(words, sets, head, silent)
+        return Verdict(tuple(found))
+
+    def bar(through: Any, what: str, total: int) -> Any:
+        return tqdm(through, what, total, disable=silent)
+
+    found = [*sets.claims(everywhere, samples, seed, bar)]
+    found += [] if words is None else claims(words, sets, everywhere, bar)
+    return Verdict(tuple(found), str(sets.problem))

@@ -32,7 +32,7 @@ counted otherwise.
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from functools import partial
@@ -53,7 +53,7 @@ from sdhj.certified.check.reading import (
     is_whole,
     reals,
 )
-from sdhj.certified.check.stated import BlackBox, Function, Part, Problem, Times, entry, flags, listed
+from sdhj.certified.check.stated import Function, Part, Problem, Times, entry, flags, listed
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
@@ -76,6 +76,8 @@ OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower
 
 # of boxes (2, axes, M) to where something holds all over them, and where it nowhere does, both (M,) bool
 Holds = Callable[[Array], tuple[Array, Array]]
+# of what is gone through, what it is called, and how many there are, to the same, shown as it is gone through
+Bar = Callable[[Iterable[Any], str, int], Iterable[Any]]
 
 
 class Tubes(NamedTuple):
@@ -90,6 +92,11 @@ class Tubes(NamedTuple):
     swept: Array
     whole: Array
     last: Array
+
+
+def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
+    """A `Bar` that shows nothing."""
+    return through
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
@@ -146,6 +153,22 @@ class Argument:
         self.read_cells(entry("cells", head["cells"], fields, "layers periodic"), arrays)
         self.read_proof(entry("the proof", head["proof"], "parts own unsure", "arrives"), arrays)
         self.read_sets(head, arrays)
+
+    def bytes_needed(self) -> int:
+        """About the bytes of memory that `claims` takes: an estimate, by the numbers of cells, places and parts."""
+        cells, places = math.prod(self.counts.tolist()), min(self.low.shape[2], PLACES)
+        looks = len(self.clear) if len(self.low) == 1 else 1
+        laps = 1 + int(self.problem.periodic.any())
+        tubes = 16 * self.problem.ndim * places * (self.parts + 12)
+        # truth values of cells, and sums of a set beside some of it
+        return max(self.together * (cells * (10 + looks) + tubes), cells * (8 + 4 * laps)) + SLAB * 8 * 64
+
+    @property
+    def together(self) -> int:
+        """How many inputs are looked at together."""
+        cores = min(os.cpu_count() or 1, MOST_TOGETHER, self.low.shape[0] * self.low.shape[1])
+        boxed = bool(self.problem.trusted)  # what users wrote may not bear it
+        return 1 if boxed else min(cores, max(MOST_CELLS // math.prod(self.counts.tolist()), 1))
 
     # ---- what the file says
 
@@ -735,7 +758,7 @@ class Argument:
         return out.reshape(self.counts)
 
     def claims(
-        self, every: bool = False, samples: int | None = None, seed: int = 0, bar: Callable[..., Any] = iter
+        self, every: bool = False, samples: int | None = None, seed: int = 0, bar: Bar = silently
     ) -> Iterator[Claim]:
         """Yield all claims, checked. Only the first where cells do not cover the axes.
 
@@ -759,15 +782,13 @@ class Argument:
         if self.problem.trusted:
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.problem.trusted))}", 0, 0, [])
 
-    def claims_of_inputs(self, every: bool, chosen: Array, bar: Callable[..., Any]) -> Iterator[Claim]:
+    def claims_of_inputs(self, every: bool, chosen: Array, bar: Bar) -> Iterator[Claim]:
         """Yield the claims of where inputs lead, from where they are clear, and which lead into the target itself."""
         tasks = [*np.ndindex(self.low.shape[:2])]
-        boxed = any(isinstance(one, BlackBox) for each in self.problem.of.values() for one in each)
-        boxed |= any(isinstance(part.function, BlackBox) for part in self.problem.parts)
         found = {"moves": Count(), "clear of the unsafe sets": Count(), ARRIVE: Count()}
-        together = min(os.cpu_count() or 1, MOST_TOGETHER, max(MOST_CELLS // chosen.size, 1))
-        with ThreadPoolExecutor(1 if boxed else together) as pool:
-            for each in bar(pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)):
+        with ThreadPoolExecutor(self.together) as pool:
+            made = pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)
+            for each in bar(made, "moves", len(tasks)):
                 for own, one in zip(found.values(), each, strict=True):
                     own.add(one)
         for name, own in found.items():
@@ -841,11 +862,11 @@ class Argument:
             some = np.flatnonzero(sites & looked_at[site_places])
             sites[some] = ~self.arrivals_hold(some, step, tubes)
 
-    def claims_of_sets(self, chosen: Array, bar: Callable[..., Any]) -> Iterator[Claim]:
+    def claims_of_sets(self, chosen: Array, bar: Bar) -> Iterator[Claim]:
         """Yield the claims of cells: that they are in the target, and safe; or lead one step nearer."""
         goals, nearer = Count(), Count()
         with np.errstate(all="ignore"):
-            for step, within in bar(self.pairs):
+            for step, within in bar(self.pairs, "sets", len(self.pairs)):
                 if within:
                     made, checked, wrong = self.not_nearer(step, within, chosen)
                     nearer.add(

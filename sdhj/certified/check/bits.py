@@ -2,14 +2,12 @@
 
 The agent is the pursuer or the evader of an arm, whose position is in the state. A *block* holds the bits of its cells
 for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit x * ny + y, bit b bit b % 64 of word b // 64.
-Cells of a robot of one's own are `packed`, eight of a row in a byte.
 """
 
-import math
 import os
 import pickle
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -121,78 +119,6 @@ def any_bit(block):
         if word != NONE:
             return True
     return False
-
-
-def packed(flags: Array) -> Array:
-    """Flags (..., n) as bits, eight of the last axis in a byte: (..., bytes) uint8, the first in the lowest bit.
-
-    What is left of the last byte is 0. flags : bool, or 0 and 1.
-    """
-    return np.packbits(flags, axis=-1, bitorder="little")
-
-
-def unpacked(some: Array, count: int) -> Array:
-    """The first `count` flags of the last axis of packed bytes: (..., count) bool, the inverse of `packed`.
-
-    some (..., bytes) : uint8, with at least `count` bits.
-    """
-    return np.unpackbits(some, axis=-1, count=count, bitorder="little").view(np.bool_)
-
-
-@compiled()
-def take_flags(marks, byte, bit, count, out):
-    """Write bit `bit` of marks[cell, byte] to out[row, c // 8], bit c % 8, for cell = row * count + c.
-
-    marks (rows * count, bytes), out (rows, bytes for count bits) : uint8; `out` is overwritten.
-    """
-    for row in range(out.shape[0]):
-        for at in range(out.shape[1]):
-            own = 0
-            for c in range(8 * at, min(8 * at + 8, count)):
-                own |= ((marks[row * count + c, byte] >> bit) & 1) << (c & 7)
-            out[row, at] = own
-
-
-def flags_of(marks: Array, j: int, shape: Sequence[int]) -> Array:
-    """Bit j of the marks of all cells, packed along the cells' last axis: (*shape[:-1], bytes) uint8.
-
-    marks (cells, bytes) : uint8, bit j is bit j % 8 of byte j // 8. shape : the numbers of cells along all axes.
-    """
-    out = np.empty((math.prod(shape[:-1]), -(-shape[-1] // 8)), np.uint8)
-    take_flags(marks, j // 8, j % 8, shape[-1], out)
-    return out.reshape(*shape[:-1], -1)
-
-
-@compiled()
-def take_numbers(rows, count, out):
-    """Write row * count + c to `out` (M,), ascending, for each of the M bits c that are set in rows (n, bytes) uint8.
-
-    No bit from `count` on may be set, which is not checked.
-    """
-    found = 0
-    for row in range(rows.shape[0]):
-        for at in range(rows.shape[1]):
-            if rows[row, at] == 0:
-                continue
-            for bit in range(8):
-                if (rows[row, at] >> bit) & 1:
-                    out[found] = row * count + 8 * at + bit
-                    found += 1
-
-
-def numbers_of(some: Array, count: int) -> Array:
-    """The flat numbers of the flags that are set in packed bytes: (M,) int64, ascending.
-
-    some (..., bytes) : uint8, `count` flags along the last axis, and no bit set behind them.
-    """
-    out = np.empty(number_of(some), np.int64)
-    take_numbers(np.ascontiguousarray(some).reshape(-1, some.shape[-1]), count, out)
-    return out
-
-
-def number_of(some: Array) -> int:
-    """How many bits are set in packed bytes `some`, uint8 of any shape."""
-    return int(np.bitwise_count(some).sum(dtype=np.int64))
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:

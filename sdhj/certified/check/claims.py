@@ -53,10 +53,11 @@ class Claim:
 class Verdict:
     """The result of `verify`: all claims of a file, with what was checked and what was not proved of each.
 
-    claims : a `Claim` for each kind.
+    claims : a `Claim` for each kind. problem : the problem as the checker read it, in words and formulas.
     """
 
     claims: tuple[Claim, ...]
+    problem: str = ""
 
     @property
     def ok(self) -> bool:

@@ -15,13 +15,13 @@ import math
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sdhj.certified.check.argument import SHOWN, Argument, Count
+from sdhj.certified.check.argument import SHOWN, Argument, Bar, Count, silently
 from sdhj.certified.check.claims import Claim
 from sdhj.certified.check.intervals import Array
 from sdhj.certified.check.reading import expect
@@ -216,7 +216,7 @@ def claims_of_steps(
         yield "select", int(arrived.sum()), np.flatnonzero(arrived & ((fewest != 0) | has_no_target))
 
 
-def claims(words: Words, sets: Argument, every: bool, bar: Callable[..., Any] = iter) -> Iterator[Claim]:
+def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> Iterator[Claim]:
     """Yield all claims of an exported table, checked against the sets of the table's file.
 
     Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
@@ -228,7 +228,7 @@ def claims(words: Words, sets: Argument, every: bool, bar: Callable[..., Any] = 
         return
     found = {name: Count() for name in words.fields}
     with np.errstate(all="ignore"):
-        for start in bar(range(words.starts)):
+        for start in bar(range(words.starts), "exported", words.starts):
             for name, one in of_a_start(words, sets, start, every):
                 found[name].add(one)
     for name, own in found.items():
@@ -241,7 +241,7 @@ def claims(words: Words, sets: Argument, every: bool, bar: Callable[..., Any] = 
 def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterator[tuple[str, Count]]:
     """Yield what the words of a step claim, counted, by fields: some of them several times."""
     ids, left, none = words.ids(start), words.steps - start, sets.problem.target is None
-    fewest = steps_to_go(sets, start, left)
+    fewest = steps_to_go(sets, start, left, none)
     for name, made, bad in claims_of_steps(words, ids, fewest, left, none):
         yield name, counted(made, bad, f"start {start}, cell")
     if "clear" in words.fields:
@@ -271,9 +271,12 @@ def counted(made: int, bad: Array, what: str) -> Count:
     return Count(made, made, 0, len(bad), [f"{what} {cell}" for cell in bad[:SHOWN]])
 
 
-def steps_to_go(sets: Argument, start: int, left: int) -> Array:
-    """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none."""
-    if sets.problem.target is None:
+def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
+    """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none.
+
+    sets : an `Argument`, or an arm with its sets.
+    """
+    if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
     out = np.full(math.prod(sets.counts.tolist()), left + 1)
     for within in range(left, -1, -1):

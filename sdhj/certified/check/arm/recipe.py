@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from sdhj.certified.check.bits import Array
-from sdhj.certified.check.described import Functions, Grid, Velocity
 from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import expect
+from sdhj.certified.check.stated import Problem
 
 CLOSE = 1e-9  # m, rad, m/s: more than rounding makes of numbers up to 100 (`refuse_large`)
 STATES = 300
@@ -23,21 +23,21 @@ def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
 
     arrays : the open file.
     """
-    given, grid, functions = scene.given, Grid(head["grid"]), Functions(head, arrays, None)
+    given, robot = scene.given, Problem(head, arrays, None)
     inputs, box = np.array(scene.inputs(), dtype=np.float64), float(scene.box)
     upper = np.array([np.pi, np.pi, box, box])
-    same = (head["delta"], head["steps"]) == (given["delta"], given["steps"]) and grid.ndim == 4
-    same = same and near(head["inputs"], inputs) and near(grid.upper, upper) and near(grid.lower, -upper)
-    same = same and grid.periodic.tolist() == [True, True, False, False] and grid.ends[2:] == (("wall",) * 2,) * 2
+    same = (robot.delta, robot.steps) == (given["delta"], given["steps"]) and robot.ndim == 4
+    same = same and near(robot.inputs, inputs) and near(robot.upper, upper) and near(robot.lower, -upper)
+    same = same and robot.periodic.tolist() == [True, True, False, False] and robot.ends[2:] == [["wall"] * 2] * 2
     expect(same, "numbers of the head must be those of its recipe", given)
-    moves, still = Velocity(functions, head["inputs"], grid), np.zeros((1, 4))
+    still = np.zeros((4, 1))
     push = np.array([float(scene.push(axis)) for axis in range(4)])
     for j, u in enumerate(inputs):
-        ends = moves.bounds(np.array([j]), still, still, (0.0, 0.0), True)
+        ends = [end[:, 0] for end in robot.velocity(j, still, still, (0.0, 0.0), True)]
         same = same and all(near(end, [*u, 0.0, 0.0] + way * push) for way, end in zip((-1, 1), ends, strict=True))
-    same = same and not moves.depends_on_time and not any(one.reads("x") for one in moves.all)
+    same = same and not robot.timed and not any(one.reads("x") for each in robot.of.values() for one in each)
     expect(same, "velocities of the head must be those of its recipe", given)
-    target, unsafe = functions.parts(head["sets"], 4, len(inputs))
+    target, unsafe = robot.target, robot.unsafe
     own = [lambda q, t: obstacles(q, t, scene)] * bool(len(scene.disks))
     own += [lambda q, t: arm_to(q, q[:, 2:], scene) - (given["pursuer_radius"] + given["half_width"])] * chased(scene)
     parts: list[Any] = [target, *unsafe]
@@ -48,7 +48,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
         for t in np.linspace(0.0, given["delta"] * given["steps"], 5).tolist():
             least, most = part.function.bounds(*[states[:, list(part.axes)]] * 2, (t, t))
             same = near(least[:, 0], value(states, t)) and near(most[:, 0], value(states, t))
-            expect(same, f"the set {part.name} of the head must be that of its recipe", t)
+            expect(same, f"the set {part.called} of the head must be that of its recipe", t)
 
 
 def near(one: Any, other: Any) -> bool:

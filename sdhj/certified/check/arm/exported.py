@@ -1,15 +1,7 @@
-"""The claims of an exported table, `sdhj_table.bin`: every word of every cell is within what the table's file proves.
+"""The words of an exported table of an arm: every word of every cell is within what the table's file proves.
 
-What was rounded, merged or packed on the way is of no matter: this reader shares no code with what wrote the file, and
-asks of every cell and every input in its word what `verify` asks of some input. A word may claim less than is proved.
-
-The images of a table for a controller that remembers are neither wider nor narrower than those that the file proves: of
-a narrower one the state may be outside, a wider one may hold cells from which nothing is proved (`images_differ`).
-
-Of a robot of one's own: a cell is in the set of the steps to go that it claims (`steps`); under each input that is
-claimed the cell is clear, and all cells that it may lead to are in the set with a step less (`safe`, `select`), or in
-that of all remaining steps (`filter`); under others it is clear (`clear`). Of an arm the same, where each input of each
-cell is proved clear of the pursuer one by one (`words_hold`): it takes a few times as long as `verify`.
+As `words` asks it of any robot; here each input of each cell is proved clear of the pursuer one by one (`words_hold`):
+it takes a few times as long as `verify`. Images are neither wider nor narrower than those that `overlapped` derives.
 """
 
 import math
@@ -25,25 +17,22 @@ from sdhj.certified.check.arm.rows import Stored, words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import Claim
-from sdhj.certified.check.robots import Robot
-from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps
+from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps, steps_to_go
 
 
-def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
+def claims(words: Words, sets: Arm, head: Any, silent: bool) -> Iterator[Claim]:
     """Yield all claims of an exported table, checked against the sets of the certified table and the head of its file.
 
     Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
 
-    words : the exported table. sets : a `Robot` or an `Arm`, of the table's file. head : of that file. silent : show no
-        progress bar.
+    words : the exported table. head : of the table's file. silent : show no progress bar.
     """
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:
         return
     counted: dict[str, list[Any]] = {name: [0, []] for name in words.fields}
-    of_a_start = _check_arm(words, sets, silent) if isinstance(sets, Arm) else _check_robot(words, sets, silent)
-    for name, made, failures in of_a_start:
+    for name, made, failures in _check_arm(words, sets, silent):
         counted[name][0] += made
         counted[name][1] += failures
     for name, (made, failures) in counted.items():
@@ -53,22 +42,11 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
         yield Claim("exported: images", made, made, list(images_differ(words, sets)))
 
 
-def images_differ(words: Words, sets: Any) -> Iterator[str]:
-    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves.
-
-    words : the exported table. sets : a `Robot` or an `Arm`, of the same cells and inputs.
-    """
+def images_differ(words: Words, sets: Arm) -> Iterator[str]:
+    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves."""
     for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
         for start, j in np.ndindex(own.shape[:2]):
-            said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
-            if isinstance(sets, Arm):
-                same = _arm_images_agree(said, sets, axis, j)
-            else:
-                proved = [
-                    of[start, j, :, axis].reshape(np.where(sets.known, sets.counts, 1)) for of in (sets.low, sets.high)
-                ]
-                same = all(bool((said[..., side] == proved[side]).all()) for side in (0, 1))
-            if not same:
+            if not _arm_images_agree(own[start, j].reshape(*np.where(reads, words.counts, 1), 2), sets, axis, j):
                 yield f"start {start}, input {j}, axis {axis}"
 
 
@@ -89,18 +67,14 @@ def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
     return found == overlapped(axis, sets, drift - push, drift + push)
 
 
-def differences(words: Words, sets: Any, head: Any) -> list[str]:
+def differences(words: Words, sets: Arm, head: Any) -> list[str]:
     """A text "name: mine and not theirs" for each entry of an exported table that is not that of the table's file.
 
     [] if all agree; of the slack it is asked only that it is not more than the file's.
 
-    words : the exported table. sets : a `Robot` or an `Arm`, of the table's file. head : of that file.
+    words : the exported table. head : of the table's file.
     """
-    own, near = (
-        [*zip(sets.axes, sets.layers, strict=True)],
-        np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
-    )
-    periodic, time_invariant = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
+    own, periodic = [*zip(sets.axes, sets.layers, strict=True)], np.array(head["grid"]["periodic"])
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
         "periodic axes": (words.periodic.tolist(), periodic.tolist()),
@@ -119,9 +93,9 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         ),
         "inputs": (words.inputs.tolist(), np.array(head["inputs"], dtype=np.float64).tolist()),
         "steps": (words.steps, head["steps"]),
-        "starts": (words.starts, 1 if time_invariant and not isinstance(sets, Arm) else words.steps + 1),
+        "starts": (words.starts, words.steps + 1),
         "delta": (float(words.delta), float(head["delta"])),
-        "slack": (bool((words.slack <= near * (1 + 1e-12)).all()), True),
+        "slack": (bool((words.slack <= STATE_ERROR * (1 + 1e-12)).all()), True),
         "error": (
             words.error.tolist(),
             np.broadcast_to(head.get("sensing", {}).get("error", 0.0), len(words.counts)).tolist(),
@@ -130,54 +104,10 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         "problem": (words.problem, head["digest"]),
         "steps with images of their own": (
             words.leads,
-            (1 if isinstance(sets, Arm) else len(sets.low)) if head.get("sensing", {}).get("memory", False) else 0,
+            int(head.get("sensing", {}).get("memory", False)),
         ),
     }
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
-
-
-def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
-    """The fewest steps to go from each cell at a start, by the sets of the table's file: (cells,), left + 1 for none.
-
-    Without a target it is `left` for cells from which the robot stays clear for all of the steps that are left.
-
-    sets : a `Robot` or an `Arm`. start : the number of the step. left : the steps that are left.
-    """
-    if has_no_target:
-        return np.where(sets.bits(start, left), left, left + 1)
-    out = np.full(math.prod(sets.counts.tolist()), left + 1)
-    for within in range(left, -1, -1):
-        out[sets.bits(start, within)] = within
-    return out
-
-
-def _check_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
-    """Check the words of a robot of one's own: yield a field's name, how many claims it makes, texts of false ones.
-
-    A field is yielded several times: for each start, number of steps and input.
-
-    words : the exported table, whose numbers are those of the file (`differences`). silent : show no progress bar.
-    """
-    for start in tqdm(range(words.starts), desc="exported", disable=silent):
-        ids, left = words.ids(start), words.steps - start
-        fewest = _fewest(sets, start, left, sets.has_no_target)
-        for name, made, bad in claims_of_steps(words, ids, fewest, left, sets.has_no_target):
-            yield name, made, [f"start {start}, cell {cell}" for cell in bad]
-        if "clear" in words.fields:
-            clear = np.unpackbits(
-                sets.clear[min(start, len(sets.clear) - 1)], axis=1, count=sets.count, bitorder="little"
-            )
-            claimed = words.fields["clear"][ids]
-            bad = np.flatnonzero((claimed & ~(clear.astype(bool) if left else clear > 1)).any(axis=1))
-            yield "clear", int(claimed.sum()), [f"start {start}, cell {cell}" for cell in bad]
-        several = list(claims_of_inputs(words, ids, fewest, left, sets.has_no_target))
-        for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
-            sums = sets.sums(sets.bits(start + 1, ahead - 1)) if ahead and left else None
-            for name, some, steps in several:
-                for j in range(len(words.inputs)):
-                    cells = np.flatnonzero((steps == ahead) & some[ids, j])
-                    good = np.zeros(cells.size, bool) if sums is None else sets.leads(cells, start, j, sums)
-                    yield name, cells.size, [f"start {start}, input {j}, cell {cell}" for cell in cells[~good]]
 
 
 def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
@@ -197,7 +127,7 @@ def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int
     marks = np.zeros((4, len(next(iter(words.fields.values()))), count), np.bool_)
     for start in range(words.starts):
         ids, left = words.ids(start), words.steps - start
-        fewest = _fewest(sets, start, left, False)
+        fewest = steps_to_go(sets, start, left, False)
         for name, made, bad in claims_of_steps(words, ids, fewest, left, False):
             yield name, made, [f"start {start}, cell {cell}" for cell in bad]
         every[start] = ids.reshape(rows, -1)
