@@ -22,8 +22,6 @@ TABLES = [
     "test_prover_mutations.py",
     "test_certified_mutations.py",
     "test_verify_mutations.py",
-    "test_forged_robots.py",
-    "test_at_once.py",
 ]
 
 

@@ -58,10 +58,10 @@ The obligations of the proof, where each is met, and the test (certified, promis
     [test_sets_and_inputs_are_all_that_follows]
 
 For robots of one's own, what each of these comes to, and what the checker refuses that lacks it: a forgery in
-tests/forged_robots.py, of which test_what_is_false_is_refused_with_its_sentence asks the sentence. The statements of
-prover and checker that carry an obligation are marked, `# obligation 4.2` with its number above, `# check 4.2` with
-that of `sdhj.certified.check`, and changed one at a time: tests/certified/test_prover_mutations.py, where the checker
-judges what is then proved, and tests/certified/check/test_forged_robots.py, where a forgery is then believed.
+tests/forged_robots.py, of which test_a_forgery_is_refused asks the sentence. The statements of the prover that carry an
+obligation are marked, `# obligation 4.2` with its number above, and changed one at a time:
+tests/certified/test_prover_mutations.py, where the checker judges what is then proved. In
+tests/certified/check/test_plain_gate.py each step of the checker's argument is taken away, and a forgery is believed.
 
     1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"
     1    cells that move alike are alike, and no wall near  "cells that are not alike", "a wall on the way"
@@ -83,14 +83,11 @@ judges what is then proved, and tests/certified/check/test_forged_robots.py, whe
     3    what is to stay is new each time, also for ever    "a cell that is not safe as long"
     4    what is on the way, in every part and step         "a post not met at the end", "a post that comes later"
     4    each unsafe set is closed; unsafe ends             "a set that is closed", "out by the upper end"
-    4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes,
-                                                            test_boxes_cover_what_is_looked_up
-    4    every function of which a set's is the least        test_boxes_that_may_meet_a_set_are_counted
+    4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes
+    4    every function of which a set's is the least        "the second post"
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
     4    what is met 64 cells at a time                     test_what_tubes_overlap_is_united_as_plain_loops_say
     3    where all go along, 64 cells at a time             test_cells_are_led_by_inputs_that_are_clear
-    3, 4 all cells at once, in the checker                  test_what_windows_hold_is_united_as_plain_loops_say,
-                                                            test_boxes_hold_all_of_tubes_that_are_alike
     4    only what has wholly left is out of danger         "a rock at a safe end"
     4, 9 an angle on both sides of its jump                 test_every_value_is_on_a_side_of_the_jump
     5    all of a box, not only a part                      "the far half of a tube"

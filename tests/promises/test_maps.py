@@ -26,7 +26,7 @@ from PIL import Image
 import sdhj
 from sdhj import UnsafeSet
 from sdhj.certified import Certified
-from sdhj.certified.check import described, verify
+from sdhj.certified.check import stated, verify
 from sdhj.formulas import graph
 from sdhj.formulas.graph import ordered
 from sdhj.problem.maps import BYTES_A_PIXEL, clearance
@@ -385,7 +385,7 @@ def test_pictures_in_files_that_map_servers_write(written: Callable[..., Path], 
 
 def test_maps_have_one_limit_that_is_said_before_anything_is_taken(written: Callable[..., Path]) -> None:
     """The checker imports nothing of the rest, so it states the limit itself."""
-    assert described.MOST_TABLES == graph.MOST_TABLES
+    assert stated.MOST_TABLES == graph.MOST_TABLES
     side = math.isqrt(graph.MOST_TABLES // 32)
     with refused_soon(r"5,793 x 5,792 pixels are too many: .* takes 1,07\d,\d{3},\d{3} bytes.*at most 1,073,741,824"):
         UnsafeSet.from_map(np.broadcast_to(False, (side, side + 1)), resolution=0.1)
@@ -419,7 +419,7 @@ def test_the_tables_of_a_problem_count_together_for_all_who_read_them(
     monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 26_896)
     path = tmp_path / "two.npz"
     sdhj.solve(yard(one, other), Certified(cells=[20, 20]), play=False).save(path)
-    for reader, read in (("table.files", sdhj.load), ("certified.check.described", partial(verify, progress=False))):
+    for reader, read in (("table.files", sdhj.load), ("certified.check.stated", partial(verify, progress=False))):
         monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_896)
         read(path)
         monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_895)

@@ -24,7 +24,8 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
     the digest of another problem as well: only who has the problem finds that, by `sdhj verify --problem` or
     `sdhj.load(path, problem=...)`, which compare it with the file's.
 
-Statements marked `# check 4.2` are of 4, and a test fails where they are changed (tests/changes.py).
+Statements of `arm`, `formulas` and `intervals` marked `# check 4.2` are of 4, and a test fails where they are changed
+(tests/changes.py).
 
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
 granted. This is the arm's (`arm`, with `bits`), which is compiled. For every other robot, whose functions are in the

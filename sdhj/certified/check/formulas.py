@@ -78,7 +78,7 @@ class Reader:
     def real(self, word: str) -> float:
         """A word of the line, a hexadecimal number, nan, inf or -inf, as a float; else, or if too large, ValueError."""
         try:
-            self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")  # check 7.44
+            self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")
             return float.fromhex(word)
         except OverflowError:
             self.expect(False, "a number must not be as large")
@@ -97,10 +97,9 @@ class Reader:
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
             self.line = line
-            self.expect(isinstance(line, str), "a line must be text")  # check 7.46
+            self.expect(isinstance(line, str), "a line must be text")
             name, *words = line.split(" ")
             if len(self.nodes) == len(lines) - 1:
-                # check 7.45
                 self.expect(name == "return", "the last line must be `return` and the numbers of the results")
                 return Formula(tuple(self.nodes), self.operands(words))
             node = self.node(name, words)
@@ -120,12 +119,12 @@ class Reader:
             if name == "const":
                 return Node(name, (), (self.real(words[0]),))
             kind = "a coordinate" if name == "x" else "a parameter"
-            return Node(name, (), (self.whole(words[0], self.leaves[name], kind),))  # check 7.42
+            return Node(name, (), (self.whole(words[0], self.leaves[name], kind),))
         if name == "gridded":
             return self.gridded(words)
         self.expect(name in RULES, "an operation must be one of those that are known")
         count = RULES[name][0]
-        self.expect(len(words) == count + (name == "power"), f"{name} must have {count} operands")  # check 7.43
+        self.expect(len(words) == count + (name == "power"), f"{name} must have {count} operands")
         operands = self.operands(words[:count])
         if name == "power":
             exponent = int(words[1]) if EXPONENT.fullmatch(words[1]) else MOST_EXPONENT + 1
@@ -154,7 +153,7 @@ class Reader:
         self.expect(fits, f"gridded must have a table, 1 to {MOST_AXES} operands, `lower`, `spacing`, numbers for each")
         operands = self.operands(words[1 : 1 + axes])
         lower, spacing = [[self.real(word) for word in words[at : at + axes]] for at in (2 + axes, 3 + 2 * axes)]
-        finite = all(map(math.isfinite, lower + spacing)) and min(spacing) > 0  # check 7.47
+        finite = all(map(math.isfinite, lower + spacing)) and min(spacing) > 0
         self.expect(finite, "`lower` must be finite and `spacing` above 0")
         table = self.tables(self.whole(words[0], 10**6, "a table"), axes)
         self.expect(min(table.shape) >= 2, "a table must have two nodes on each axis")
@@ -178,7 +177,7 @@ class Formula:
         found, left = list[int](), [self.results[0]]
         while left:
             node = self.nodes[number := left.pop()]
-            if node.name == "min":  # check 6.41
+            if node.name == "min":
                 left += {*node.operands}
             elif number not in found:
                 found.append(number)
@@ -331,5 +330,5 @@ def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int,
     tables : called with the number of a table in the file, and of its axes, for the table's values.
     """
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
-        expect(given[name] == count, f"{what} must have {count} {name}", given[name])  # check 7.22
+        expect(given[name] == count, f"{what} must have {count} {name}", given[name])
     return Reader(what, coordinates, parameters, tables).read(given["lines"])

@@ -58,14 +58,14 @@ def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
 
 def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
     """A number of the head as a float; ValueError, calling it `name`, unless it is a number from `least` to `most`."""
-    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most  # check 7.29
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
     expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
     return float(value)
 
 
 def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[float]:
     """A list of `count` numbers of the head as floats; ValueError, calling it `name`, unless all are >= `least`."""
-    expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)  # check 7.33
+    expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)
     return [real(name, value, least) for value in values]
 
 
@@ -172,7 +172,7 @@ def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYT
 def fraction(text: Any) -> Fraction:
     """The fraction that a text such as "-1/3" states; ValueError where it is none, or a number has over 300 digits."""
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
-    expect(bool(fits), "cells must be stated as fractions", text)  # check 7.39
+    expect(bool(fits), "cells must be stated as fractions", text)
     return Fraction(text)
 
 
@@ -190,12 +190,11 @@ class Sensing:
             exceed.
         """
         error = head.get("error", 0.0)
-        # check 7.34
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
         self.delay = real("delay", head.get("delay", 0.0), 0.0, delta)
-        self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)  # check 7.32
+        self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)
         self.memory = head.get("memory", False)
-        expect(self.memory in (True, False), "memory must be true or false", self.memory)  # check 7.8
+        expect(self.memory in (True, False), "memory must be true or false", self.memory)
 
     def __bool__(self) -> bool:
         """Whether an error, a delay or a jitter is above 0."""
@@ -220,7 +219,6 @@ class Sets:
         rows : how many leading axes number the rows. entries : how many sets there are; None: any number.
         """
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
-        # check 7.38
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
         self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
         expect(len(self.axes) == len(shape) == ndim, f"the problem has {ndim} axes", shape)
@@ -240,7 +238,7 @@ class Sets:
         for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
             begin, end = float(low), float(low + (least + most) / 2)
             inner = [float(low + i * width) for i in range(n - a - b)]
-            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))  # check 1.9
+            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
@@ -252,7 +250,7 @@ class Sets:
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
-            n = cells - some  # check 1.10
+            n = cells - some
             fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)  # check 1.1
             if not (fits and (n - 1) * width < least and n * width >= most):  # check 1.2
                 wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sdhj.certified.check import formulas
-from sdhj.certified.check.described import OfInputs
 from sdhj.certified.check.formulas import MOST_LINES, read
 from sdhj.certified.check.intervals import RULES
 
@@ -76,20 +75,6 @@ def test_what_reads_no_coordinate_has_bounds_at_each_time():
         found = own.bounds(low, high, times)
         np.testing.assert_array_equal(found, own.bounds(low, high, tuple(np.full(2, time) for time in times)))
         assert (found[1][:, 0] > times[1] ** 2).all() and (found[1][:, 0] < times[1] ** 2 + 1e-9).all()
-
-
-def test_formulas_of_many_inputs_are_what_they_are_one_by_one(rng):
-    """But for what NumPy's sines of one number and of many may differ by."""
-    whole = formula(["x 0", "x 1", "p 0", "mul 0 1", "add 0 2", "sin 3", "return 3 4 5 0 1 4"])
-    each, inputs = [whole.part(2 * j, 2) for j in range(3)], rng.integers(3, size=400)
-    low = rng.uniform(-2.0, 2.0, (400, 2))
-    high, begin = low + rng.uniform(0.0, 1.0, (400, 2)), rng.uniform(0.0, 1.0, 400)
-    for times in ((0.1, 0.3), (begin, begin + 0.1)):
-        found = np.array(OfInputs(each, 2).bounds(inputs, low, high, times))
-        for row, j in enumerate(inputs):
-            own = [float(np.broadcast_to(time, 400)[row]) for time in times]
-            one = each[j].bounds(low[row : row + 1], high[row : row + 1], tuple(own))
-            np.testing.assert_allclose(found[:, row], np.concatenate(one), rtol=1e-14, atol=1e-14)
 
 
 def test_what_it_reads_and_parts():

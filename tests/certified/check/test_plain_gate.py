@@ -1,5 +1,6 @@
-"""The gate of the plain checker: both checkers on every forgery, and new ones that only the plain one has to refuse."""
+"""The gate of the checker: what is true is proved, every forgery refused, and nothing in its argument goes unneeded."""
 
+import re
 import sys
 import types
 from dataclasses import replace
@@ -26,9 +27,10 @@ from forged_robots import (
     standing,
 )
 from forged_robots import line as on_a_line
+from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
-from sdhj.certified.check import argument, formulas, reading, stated
+from sdhj.certified.check import argument, formulas, reading, stated, verify
 from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.reading import head_and_arrays
 
@@ -81,14 +83,14 @@ def test_what_is_true_is_proved(name, every, files, tmp_path):
 
 
 @pytest.mark.parametrize("name", FORGERIES)
-def test_a_forgery_is_refused_by_both(name, files, tmp_path):
+def test_a_forgery_is_refused(name, files, tmp_path):
     forgery = FORGERIES[name]
     path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
     said = refusals(path, forgery.beside and forgery.beside())
     assert any(SAYS.get(name, forgery.said) in one for one in said), said
 
 
-# ---- forgeries of which the other checker believes some
+# ---- more forgeries
 
 
 def drifting():
@@ -806,3 +808,25 @@ def test_a_sentence_is_what_refuses(name, files, tmp_path, monkeypatch):
 def lenient_of(expect, words):
     """What refuses with all sentences but one."""
     return lambda fits, what, given: None if words in what else expect(fits, what, given)
+
+
+@pytest.mark.slow
+def test_an_arm_among_obstacles_is_proved_as_any_robot(tmp_path):
+    arm = sdhj.arm_case_study(**(SMALL | {"obstacles": [STILL, LINE, CIRCLE]}))
+    wall = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.3, name="wall")
+    problem = replace(arm, unsafe=(*arm.unsafe, wall))
+    sdhj.solve(problem, sdhj.Certified(cells=(24, 24, 10, 10), parts=4), progress=False).save(tmp_path / "arm.npz")
+    assert (verdict := verify(tmp_path / "arm.npz", samples=300, progress=False)).ok, str(verdict)
+
+
+def test_the_list_of_obligations_is_true():
+    """Tests and forgeries that it names are there, and every forgery of what it lists is of one of its claims."""
+    text = sdhj.certified.sets.__doc__
+    names = re.findall(r'"([^"]+)"', text[text.index("For robots of one's own") :])
+    assert len(names) > 35 and set(names) <= FORGERIES.keys()
+    tests = {
+        name
+        for path in Path(__file__).parents[2].rglob("test_*.py")
+        for name in re.findall(r"def (test_\w+)", path.read_text(encoding="utf-8"))
+    }
+    assert set(re.findall(r"\btest_\w+(?!\w|\.py)", text)) <= tests
