@@ -814,20 +814,20 @@ class Argument:
         open_sites: dict[int, Array] = {}
         for step in (range(len(self.arrives)) if always else [start]) if len(self.arrives) else []:
             said = (self.arrives[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
+            said = said.reshape(np.where(self.sites, self.counts, 1))
             others = axes_of(self.sites == 0)
             own = self.promised(range(robot.steps) if len(self.arrives) == 1 else [step]) | every
-            open_sites[step] = said & (own & chosen).any(axis=others).ravel()
-            arrive.note(said & own.any(axis=others).ravel(), open_sites[step], said)
-        site_places = self.strides @ self.cells_at(np.arange(self.arrives.shape[1]), self.sites)
+            open_sites[step] = said & (own & chosen).any(axis=others, keepdims=True)
+            arrive.note(said & own.any(axis=others, keepdims=True), open_sites[step], said)
         with np.errstate(all="ignore"):
             for finer in FINER:
                 needed = open_moves.copy()
                 for cells in open_cells.values():
                     needed |= cells.any(axis=free).ravel()
                 for sites in open_sites.values():
-                    needed[site_places[sites]] = True
+                    needed |= sites.any(axis=free).ravel()
                 for places in np.array_split(np.flatnonzero(needed), -(-int(needed.sum()) // PLACES) or 1):
-                    self.take_out(start, j, finer, places, open_moves, open_cells, open_sites, site_places)
+                    self.take_out(start, j, finer, places, open_moves, open_cells, open_sites)
         moves.fail(f"start {start}, input {j}, place", open_moves)
         for step, cells in open_cells.items():
             clear.fail(f"start {step}, input {j}, cell", cells)
@@ -844,7 +844,6 @@ class Argument:
         open_moves: Array,
         open_cells: dict[int, Array],
         open_sites: dict[int, Array],
-        site_places: Array,
     ) -> None:
         """Take out of what is open, in place, what bounds so fine prove of the cells at places (P,)."""
         if not places.size:
@@ -859,8 +858,9 @@ class Argument:
             if (own := cells & here).any():
                 cells &= ~own | self.not_clear(step, j, own, tubes)
         for step, sites in open_sites.items():
-            some = np.flatnonzero(sites & looked_at[site_places])
-            sites[some] = ~self.arrivals_hold(some, step, tubes)
+            some = np.flatnonzero(sites & here)
+            for own_sites in np.array_split(some, -(-some.size // SLAB) or 1):
+                sites.reshape(-1)[own_sites] = ~self.arrivals_hold(own_sites, step, tubes)
 
     def claims_of_sets(self, chosen: Array, bar: Bar) -> Iterator[Claim]:
         """Yield the claims of cells: that they are in the target, and safe; or lead one step nearer."""

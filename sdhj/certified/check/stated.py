@@ -171,6 +171,7 @@ class Problem:
         self.read_velocity()
         self.read_sets(head["sets"])
         known = {*self.of, *(part.name for part in self.parts)}
+        known |= {f"swept {number}" for number in range(len(self.unsafe))}  # of methods on a grid; not asked here
         unknown = [name for name in {**self.texts, **self.opaque} if name not in known]
         expect(not unknown, "functions must be of velocities, the target or unsafe sets", unknown)
 

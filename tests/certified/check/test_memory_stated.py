@@ -58,4 +58,5 @@ def test_a_check_takes_what_it_states(robot, tmp_path):
     done = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True)
     assert not done.returncode, done.stderr
     stated, taken = map(int, done.stdout.split())
-    assert taken / 1.5 <= stated <= taken * 1.5, (stated / 1e6, taken / 1e6)
+    # what the first check left to the process is taken again unseen
+    assert taken / 1.5 <= stated <= taken * 1.5 + 60e6, (stated / 1e6, taken / 1e6)

@@ -37,7 +37,6 @@ from sdhj.certified.check.reading import head_and_arrays
 # what the plain checker says of the forgeries that it refuses with words of its own
 SAYS = {
     "a layer where an axis closes": "cells must close where the axes do",
-    "a sweep that the file states": "functions must be of velocities, the target or unsafe sets",
     "sets for all times": "there must be sets for each step",
     "moves that end before they begin": "must lead to some cell",
     "nobody's black box": "must have the black box of the file",
@@ -675,7 +674,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "self.counts)), self.near)",
         "a goal beside an error",
     ),
-    "arrivals are looked at": ("argument", "sites[some] = ~self", "sites[some] = False & ~self", "an arrival more"),
+    "arrivals are looked at": (
+        "argument",
+        "sites.reshape(-1)[own_sites] = ~self",
+        "sites.reshape(-1)[own_sites] = False & ~self",
+        "an arrival more",
+    ),
     "where a cell arrives": (
         "argument",
         "self.ends(cells, 2 * self.near) + moved\n        return",
