@@ -161,7 +161,7 @@ class Argument:
         laps = 1 + int(self.problem.periodic.any())
         tubes = 16 * self.problem.ndim * places * (self.parts + 12)
         # truth values of cells, and sums of a set beside some of it
-        return max(self.together * (cells * (10 + looks) + tubes), cells * (8 + 4 * laps)) + SLAB * 8 * 64
+        return max(self.together * (cells * (10 + looks) + tubes), cells * (8 + 4 * laps)) + min(cells, SLAB * 8) * 64
 
     @property
     def together(self) -> int:
