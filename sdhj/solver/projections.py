@@ -353,8 +353,8 @@ class Projected(Options):
     """Method "projected": games on lower-dimensional subspaces, united after back-projection (Sec. 5.1, App. A.4, A.5).
 
     The tubes lie inside those of the full method, and cost less: little less on four axes, where both take seconds, so
-    that `HJI`, which holds more, is the one to take; from five axes on a quarter of the time, or less
-    (`notebooks/site/numbers.md`). The target must not depend on a dropped coordinate:
+    that `HJI`, which holds more, is the one to take; from five axes on a twelfth to a half of the time in the problems
+    of `notebooks/site/numbers.md`. The target must not depend on a dropped coordinate:
     its projection contains only what is in it for *every* value of that coordinate. A bounded target that moves with
     a coordinate, as in `evader_case_study`, has an empty projection; a `ProjectionWarning` then says so, and the tubes
     never grow beyond the target. Use `HJI` there. A component of the disturbance that moves several axes gains nothing
