@@ -3,7 +3,7 @@
 `python figures/studies/large.py -o large.png` solves each problem in full and by projections onto one axis less (Sec.
 5.1), draws both, certifies what it can, and has `judge` play the tables: nothing of the library but the controller's
 choice is in those runs. Motion and adversary are written twice, for the problem and for the judge; distances once.
-`--store FOLDER` keeps the full tables there and solves them slab by slab.
+`--store FOLDER` keeps the full tables there.
 """
 
 import sys

@@ -1,8 +1,10 @@
 """The script that times stores: its tables, on few nodes, beside what the library says itself."""
 
-import re
 import tempfile
+import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import stored
 from click.testing import CliRunner
@@ -16,31 +18,38 @@ def cells(line: str) -> list[str]:
 
 def test_one_solve_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(stored, "on_disk", lambda path: 15 * 10**8 if (path / "head").is_file() else 0)
+    monkeypatch.setattr(stored, "on_disk", lambda path: 15 * 10**8 if (path / "problem.json").is_file() else 0)
     monkeypatch.setattr(stored, "timed", lambda call, *args, clock, **options: (1234.4, call(*args, **options)))
-    done = CliRunner().invoke(stored.main, ["--robot", "case study", "--nodes", "9", "--memory", "100000000"])
+    done = CliRunner().invoke(stored.main, ["--robot", "case study", "--nodes", "9"])
     assert done.exit_code == 0, done.output
-    name, slabs, seconds, memory, disk, share = cells(done.stdout.splitlines()[-1])
-    table = sdhj.solve(sdhj.arm_case_study(9), store=tmp_path / "again", memory=100_000_000)
-    assert (name, int(slabs)) == ("case study, 9 nodes, hji", table.details["slabs"])
+    name, seconds, memory, disk, share = cells(done.stdout.splitlines()[-1])
+    table = sdhj.solve(sdhj.arm_case_study(9), store=tmp_path / "again", progress=False)
+    assert name == "case study, 9 nodes, hji"
     assert (share, seconds, disk) == (f"{table.fraction(start=0, within=8):.3f}", "1,234", "1.5 GB")
-    assert memory.endswith(" GB") and float(memory.split()[0]) >= 0.1  # what Python and the kernels take
+    assert memory.endswith(" GB") and 0.0 <= float(memory.split()[0]) < 0.1
     assert [path.name for path in tmp_path.iterdir()] == ["again"]
 
 
+def test_what_is_watched_is_the_most_there_was():
+    if not stored.anonymous_memory():
+        pytest.skip("this system does not say")
+    with stored.watched() as most:
+        held = np.ones(25_000_000)
+        time.sleep(0.1)
+        del held
+    assert 1.5e8 < most[0] < 1e9
+
+
 @pytest.mark.slow
-def test_slabs_are_shared_out(tmp_path, monkeypatch):
+def test_workers_are_compared(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setitem(stored.MAKERS, "case study", lambda nodes: sdhj.arm_case_study(nodes, steps=2))
-    options = ["--nodes", "9", "--method", "lax", "--memory", "1900000", "--workers", "1", "--repeats", "1"]
-    done = CliRunner().invoke(stored.main, ["--robot", "case study", *options])
+    options = ["--nodes", "9", "--workers", "2", "--repeats", "1"]
+    monkeypatch.setitem(stored.MAKERS, "turning", lambda nodes: replace(stored.turning(nodes), steps=3))
+    done = CliRunner().invoke(stored.main, ["--robot", "turning", *options])
     assert done.exit_code == 0, done.output
-    told = dict(zip(*map(cells, done.stdout.splitlines()[::2]), strict=True))
-    slabs, number = int(told["slabs"]), r"(-?\d+) (?:ms|kB|MB)"
-    assert slabs > 1 and int(told["tasks"]) == (6 + 1 + 2) * slabs  # tubes, avoid tubes of the column and of the disk
-    sizes = [float(re.fullmatch(number, told[name])[1]) for name in ("sent a task", "written")]
-    assert 1 < sizes[0] < 100 and sizes[1] < 20
+    name, alone, shared, ratio = cells(done.stdout.splitlines()[-1])
+    assert name == "turning, 9 nodes, hji" and float(alone) > 0 and float(shared) > 0 and float(ratio) > 0
     assert not list(tmp_path.iterdir())
 
 
@@ -72,12 +81,6 @@ def test_a_folder_counts_its_files(tmp_path):
     with open(tmp_path / "two", "wb") as two:
         two.truncate(10**8)  # of which nothing is written
     assert 3 <= stored.on_disk(tmp_path) < 10**6
-
-
-def test_too_little_memory_is_told_without_a_traceback():
-    done = CliRunner().invoke(stored.main, ["--robot", "arm", "--nodes", "9", "--memory", "1000"])
-    assert done.exit_code != 0 and "allowed; give more as memory=" in done.output
-    assert isinstance(done.exception, SystemExit)
 
 
 def test_options_of_a_robot_need_one():
