@@ -1,8 +1,8 @@
 """How kernels are compiled; what is compiled is kept on disk, and never run when it is old.
 
 Numba throws a cached kernel away when its own source file changes, and only then: an edit to a helper or a constant in
-another file goes unseen. `sdhj.kernels.compiling.kernel` watches what a file of the folder of kernels imports from that
-folder and nothing else, so all that is compiled lies there (the independent checker, which imports nothing of the
+another file goes unseen. `sdhj.kernels.compiling.kernel` watches the folder of kernels and nothing else, so all that is
+compiled lies there (the independent checker, which imports nothing of the
 package, has a decorator of its own for its folder).
 """
 
@@ -143,7 +143,7 @@ ANSWERS = "from small.apart import twice; print(twice(1), len(twice.stats.cache_
 def test_a_change_to_a_file_that_is_imported_is_seen(tmp_path: Path) -> None:
     """A helper or a constant of another file; what has not changed is read from the disk in the next process.
 
-    So is what has been changed back, and what does not import the file that is changed.
+    So is what has been changed back.
     """
     package = small_package(tmp_path)
 
@@ -160,48 +160,10 @@ def test_a_change_to_a_file_that_is_imported_is_seen(tmp_path: Path) -> None:
     compiled_once_then_read(45)
     edit(package / "helper.py", "x * 5", "x * 2")
     compiled_once_then_read(18)
-    (package / "other.py").write_text(f"{HEAD}from small.helper import STEP\n", encoding="utf-8")
-    assert run(ANSWERS, tmp_path).split() == ["18", "1", "0"]
-    edit(package / "compiling.py", "PATIENCE = 60.0", "PATIENCE = 61.0")
-    compiled_once_then_read(18)
 
 
-def imports(file: Path) -> set[Path]:
-    """The files of the folder of kernels that one of them imports, by Python's own parser."""
-    found = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        names = [one.name for one in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
-        if isinstance(node, ast.ImportFrom):
-            assert node.level == 0
-            names = [str(node.module), *(f"{node.module}.{name}" for name in names)]
-        paths = [PACKAGE.parent / f"{name.replace('.', '/')}{end}" for name in names for end in (".py", "/__init__.py")]
-        found |= {path for path in paths if path.is_file() and path.is_relative_to(PACKAGE / "kernels")}
-    return found
-
-
-@pytest.mark.slow
-def test_a_kernel_belongs_to_the_files_that_it_imports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A comment in a file changes the digests of those that import it, and no others."""
-    before, folder = compiling.sources(), PACKAGE / "kernels"
-    files = sorted(folder.rglob("*.py"))
-    assert {Path(file) for file in before} == set(files)
-    needs = {file: {file, folder / "compiling.py"} | imports(file) for file in files}
-    for _ in files:  # what these import, and so on
-        needs = {file: needed.union(*map(needs.__getitem__, needed)) for file, needed in needs.items()}
-    read = Path.read_bytes
-    for changed in files:
-        monkeypatch.setattr(
-            Path, "read_bytes", lambda self, changed=changed: read(self) + b"# a comment\n" * (self == changed)
-        )
-        after = compiling.sources.__wrapped__()
-        told = {file for file in files if before[str(file)] != after[str(file)]}
-        assert told == {file for file in files if changed in needs[file]}
-    arm = ["stages.py", "boxes.py", "union.py", "interpolation.py", "tape.py", "lookup.py"]
-    assert all(folder / "arm/links.py" not in needs[folder / name] for name in arm)
-
-
-def test_old_versions_are_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the time at which they were last used, and beyond a size the oldest; what is no version of a kernel stays."""
+def test_old_versions_are_cleared(tmp_path: Path) -> None:
+    """By the time at which they were last used; what is no version of a kernel stays."""
     now = time.time()
     for days in (0, 1, 2, 29, 31, 400):
         path = tmp_path / f"lookup.decide-427.py311.{days}.code"
@@ -215,9 +177,7 @@ def test_old_versions_are_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     compiling._clear.__wrapped__(tmp_path)
     assert left() == ["0", "1", "2", "29"]
-    monkeypatch.setattr(compiling, "KEPT_BYTES", 25)
-    compiling._clear.__wrapped__(tmp_path)
-    assert left() == ["0", "1"] and (tmp_path / "mine.txt").exists()
+    assert (tmp_path / "mine.txt").exists()
     compiling._clear.__wrapped__(tmp_path / "nowhere")
 
 
@@ -515,22 +475,15 @@ def locking_fails(*_: object) -> None:
     raise OSError("no locks available")
 
 
-def another_one_has_it(*_: object) -> None:
-    raise BlockingIOError
-
-
 LOCKS = {
     "Windows": None,
-    "none": SimpleNamespace(LOCK_EX=2, LOCK_NB=4, flock=locking_fails),
-    "taken": SimpleNamespace(LOCK_EX=2, LOCK_NB=4, flock=another_one_has_it),
+    "none": SimpleNamespace(LOCK_EX=2, flock=locking_fails),
 }
 
 
 @pytest.mark.parametrize("locks", LOCKS)
 def test_locks_are_optional(monkeypatch: pytest.MonkeyPatch, locks: str) -> None:
-    """Where there are none, and where another process has one and stands still."""
     monkeypatch.setattr(compiling, "fcntl", LOCKS[locks])
-    monkeypatch.setattr(compiling, "PATIENCE", 0.1)
 
     @kernel()
     def four(x):

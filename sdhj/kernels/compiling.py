@@ -16,7 +16,6 @@ where a version lacks one (`LINKED` is False), every kernel is compiled as Numba
 
 import os
 import pickle
-import re
 import sys
 import threading
 import time
@@ -47,10 +46,8 @@ except ImportError:  # on Windows
 
 LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
-PATIENCE = 60.0  # s that a process waits for what another one compiles
 GLANCE = 0.05  # s between two looks at how many cores are free
 KEPT_DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
-KEPT_BYTES = 2**29  # of versions in a folder; all kernels together have some 30 MB
 PROC = Path("/proc")  # where Linux says so
 _listening: list[Listener] = []
 # Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
@@ -78,11 +75,10 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
     least : with parallel=True, how many entries the largest array must have for loops to be shared out to threads.
 
     Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
-    constant of another file, and with damaged code. Here kept code belongs to the function's file and to those of this
-    folder that it imports, directly or not (`sources`); code of other versions lies beside it. Kernels import nothing
-    from outside the folder. A function in another package or a notebook may be compiled so, too: its code then belongs
-    to its own file and to all files of this folder. Where no folder can be written, the kernel is compiled in every
-    process, which is said once.
+    constant of another file, and with damaged code. Here kept code belongs to all sources of this folder (`sources`),
+    and to the function's own file where that lies elsewhere; code of other versions lies beside it. Kernels import
+    nothing from outside the folder. Where no folder can be written, the kernel is compiled in every process, which is
+    said once.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
@@ -196,15 +192,11 @@ class MachineCode:
     """
 
     def __init__(self, files: Any, source: str) -> None:
-        """Keep code of a kernel in the file `source` in place of Numba's `files`, stamped with what it belongs to.
-
-        The stamp holds Numba's version and a digest of the sources (`sources`); for a file outside this folder, that
-        file's time of change and all sources.
-        """
+        """Keep code of a kernel in the file `source` in place of Numba's `files`, stamped with what it belongs to."""
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
-        known = sources().get(source)  # of other files Numba's stamp, the time at which they were changed last
-        stamp = known or (files._source_stamp, sorted(sources().values()))
-        self.stamp = repr((numba.__version__, stamp)).encode()
+        inside = Path(__file__).parent in Path(source).parents
+        # of a file elsewhere Numba's stamp, too: the time at which it was changed last
+        self.stamp = repr((numba.__version__, sources(), None if inside else files._source_stamp)).encode()
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
@@ -231,7 +223,7 @@ class MachineCode:
     def save(self, key: Any, data: Any) -> None:
         """Keep the code `data` under a key, in a file that appears whole or not at all; OSError where it cannot.
 
-        Then removes files of the folder that were not used for long, once in a process (`_clear`).
+        Then removes files of the folder that were not used for long, once in a process.
         """
         path, code = self._path(key), self.dump((key, data))
         temporary = path.with_suffix(f".{uuid.uuid4().hex}.code")
@@ -246,7 +238,8 @@ class MachineCode:
         """A dispatcher's method `compile_it`, made to run in one process at a time for each signature.
 
         Other processes wait meanwhile, and then find the code that was kept. Locks are taken in the order in which
-        functions call one another, so no two processes wait for each other.
+        functions call one another, so no two processes wait for each other, and the system frees those of a process
+        that has ended.
         """
 
         def compiled(signature: Any) -> Any:
@@ -260,30 +253,18 @@ class MachineCode:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """A context that one process at a time may be in, for each path; a file is created there, and removed at the end.
-
-    A process that cannot lock the file, or waits longer than `PATIENCE`, goes in without the lock.
-    """
-    lock, until = None, time.monotonic() + PATIENCE
+    """A context that one process at a time may be in, for each path; any may where files cannot be locked."""
+    lock = None
     with suppress(OSError):
-        lock = None if fcntl is None else open(path, "w")
-        while lock is not None and not _lock(lock.fileno()) and time.monotonic() < until:
-            time.sleep(0.05)
+        if fcntl is not None:
+            lock = open(path, "w")
+            fcntl.flock(lock, fcntl.LOCK_EX)
     try:
         yield
     finally:
         if lock is not None:
             with suppress(OSError), lock:
                 path.unlink()
-
-
-def _lock(file: int) -> bool:
-    """Try to take the lock on an open file, a descriptor, without waiting; returns whether it was free."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 @contextmanager
@@ -432,61 +413,21 @@ def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
 
 
 @cache
-def sources() -> dict[str, str]:
-    """A digest, in hexadecimal, of each source file of this folder and all its imports there: {path: digest}.
-
-    Imports of imports count, too. Computed once, when the first kernel is defined. Imports are found by text: they must
-    stand at the top of a file, and name modules in full.
-    """
-    folder, package = Path(__file__).parent, __name__.rpartition(".")[0]
-    files = {file: file.read_bytes() for file in sorted(folder.rglob("*.py"))}
-    named = {
-        ".".join([*filter(None, [package]), *file.relative_to(folder).with_suffix("").parts]): file for file in files
-    }
-    named |= {name.removesuffix("__init__").rstrip("."): file for name, file in named.items()}
-    needs = {
-        file: {Path(__file__), file} | {named[name] for name in _imported(files[file]) if name in named}
-        for file in files
-    }
-    found = {}
-    for file in files:
-        digest, needed = blake2b(digest_size=16), needs[file]
-        while len(more := needed.union(*map(needs.__getitem__, needed))) > len(needed):
-            needed = more
-        for one in sorted(needed):
-            digest.update(f"{one.relative_to(folder).as_posix()} {len(files[one])} ".encode() + files[one])
-        found[str(file)] = digest.hexdigest()
-    return found
-
-
-def _imported(source: bytes) -> Iterator[str]:
-    """Yield the full names of the modules that a file's source imports at its top, and of what it imports from them.
-
-    Names of functions are among these, as they may be modules.
-    """
-    text = source.decode(errors="replace")
-    for module, names in re.findall(r"^from ([\w.]+) import (\([^)]*\)|.*)", text, re.MULTILINE):
-        yield module
-        yield from (f"{module}.{name}" for name in re.findall(r"\w+", names))
-    for names in re.findall(r"^import (.*)", text, re.MULTILINE):
-        yield from re.findall(r"[\w.]+", names)
+def sources() -> str:
+    """A digest, in hexadecimal, of all source files of this folder: an edit of one compiles all kernels anew."""
+    folder, digest = Path(__file__).parent, blake2b(digest_size=16)
+    for file in sorted(folder.rglob("*.py")):
+        text = file.read_bytes()
+        digest.update(f"{file.relative_to(folder).as_posix()} {len(text)} ".encode() + text)
+    return digest.hexdigest()
 
 
 @cache
 def _clear(folder: Path) -> None:
-    """Remove files of compiled kernels that nobody has used for `KEPT_DAYS`, and the oldest beyond `KEPT_BYTES`.
-
-    Of one folder, once for each folder in a process.
-    """
-    known = []
+    """Remove the files of compiled kernels in a folder that nobody has used for `KEPT_DAYS`, once in a process."""
     for path in folder.glob("*.code"):
         with suppress(OSError):  # another process may be at it
-            known.append((path.stat().st_mtime, path.stat().st_size, path))
-    total = 0
-    for used, size, path in sorted(known, reverse=True):
-        total += size
-        if time.time() - used > KEPT_DAYS * 86400 or total > KEPT_BYTES:
-            with suppress(OSError):
+            if time.time() - path.stat().st_mtime > KEPT_DAYS * 86400:
                 path.unlink()
 
 
