@@ -48,7 +48,7 @@ def dcdc() -> sdhj.ReachAvoidProblem:
     """The converter, for ever."""
     a, b = circuit()
     return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid(LOWER, UPPER, (51, 51), names=["current $x_1$", "voltage, five times, $x_2$"]),
+        grid=sdhj.Grid(LOWER, UPPER, (401, 401), names=["current $x_1$", "voltage, five times, $x_2$"]),
         dynamics=sdhj.Dynamics([[0.0], [1.0]], lambda q, u: q @ a[int(u[0])].T + b, np.zeros((2, 1)), [0.0]),
         target=None,
         unsafe=[],
@@ -104,13 +104,13 @@ def draw(context: Context) -> Figure:
 
 
 def draw_modes(ax: Axes, table: Table) -> float:
-    """Which positions of the switch keep the converter within its limits from each cell; returns the share."""
+    """Which positions of the switch keep the converter within its limits from each node; returns the share."""
     inside = table.values(start=0, within=1).T <= 0
     closed, opened = np.moveaxis(table.inputs(start=0, within=1), 2, 0).swapaxes(1, 2)
     which = np.select([~inside, closed & opened, closed, opened], [np.nan, 2.0, 1.0, 0.0], np.nan)
-    edges = [np.linspace(*ends, n + 1) for *ends, n in zip(LOWER, UPPER, which.T.shape, strict=True)]
+    nodes = [table.grid.nodes(axis) for axis in (0, 1)]
     colours = ListedColormap(list(MODES.values()))
-    ax.pcolormesh(*edges, which, cmap=colours, vmin=-0.5, vmax=2.5, shading="flat", rasterized=True, gid="modes")
+    ax.pcolormesh(*nodes, which, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest", rasterized=True, gid="modes")
     plotting.frame_slice(ax, table.grid)
     return table.fraction(start=0, within=1)
 

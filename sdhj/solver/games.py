@@ -335,9 +335,9 @@ class HJIGames(_OnAxes):
         # interval. This is right where the disturbance moves the axis on its own, and where the state never turns back
         # from the wall; a state that has slid along the wall and left it again is somewhere else.
         #
-        # Without a target, where sets shrink away from unsafe ends step by step, finite differences are kept, because
-        # tables for ever have been tested with them. On a line shifts would be better: after 30 steps of a fifth of a
-        # cell, at 41 nodes, 0.067 of the set is promised wrongly by differences and 0.057 by shifts.
+        # Without a target, where sets shrink away from unsafe ends step by step, finite differences are kept, though on
+        # a line shifts would be better: after 30 steps of a fifth of a cell, at 41 nodes, 0.067 of the set is promised
+        # wrongly by differences and 0.057 by shifts.
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
         wall, push = np.isfinite(self.grid.faces("holds")).any(axis=0), self.push

@@ -418,8 +418,6 @@ class GridSets:
         Of the table, as `LookupTable` has them; entries are undefined until they are filled in.
     shared : int
         Entries that are the tube of another entry.
-    filled, changing : int, float
-        As in `TubeSets`; only with steps=None.
     """
 
     storable = True
