@@ -359,8 +359,7 @@ def draw(pairs: Mapping[str, tuple[Table, Table]]) -> Figure:
 @click.option("--full-only", is_flag=True, help="Neither projected nor certified tables, and no picture.")
 @click.option("--runs", default=4000, type=click.IntRange(1), help="Runs of each table.")
 @click.option("--seed", default=0, type=SEED)
-@click.option("--store", type=click.Path(path_type=Path), help="A folder for the full tables, solved slab by slab.")
-@click.option("--memory", type=click.IntRange(1), help="Bytes that a slab may take.")
+@click.option("--store", type=click.Path(path_type=Path), help="A folder for the full tables.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="A picture: a png or pdf file.")
 @plainly
 def main(
@@ -371,7 +370,6 @@ def main(
     runs: int,
     seed: int,
     store: Path | None,
-    memory: int | None,
     output: Path | None,
 ) -> None:
     """Solve, judge and draw."""
@@ -391,7 +389,7 @@ def main(
         if robot.cells != () and not full_only:
             methods.append(sdhj.Certified(cells=robot.cells))
         for method in methods:
-            kept = {"store": store / f"{name}", "memory": memory} if store and method is chosen else {}
+            kept = {"store": store / f"{name}"} if store and method is chosen else {}
             began = time.perf_counter()
             tables.append(sdhj.solve(problem, method, **kept))
             click.echo(row(name, tables[-1], time.perf_counter() - began, runs, seed))

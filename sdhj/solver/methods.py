@@ -53,7 +53,7 @@ class HJI(Options):
     >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
     >>> methods = sdhj.HJI(), sdhj.HJI(sdhj.Scheme(order=1, frame="fixed"))
     >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in methods]
-    [0.18, 0.15]
+    [0.18, 0.05]
     """
 
     scheme: Scheme = field(default_factory=Scheme)
