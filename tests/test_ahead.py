@@ -218,6 +218,7 @@ def test_one_state_and_many_get_the_same_answer(name: str, rng: np.random.Genera
         assert controller.safe_inputs(states[m], 0).tolist() == np.flatnonzero(batch.safe[m]).tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["car", "tide", "walls", "slip"])
 def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
     name: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch

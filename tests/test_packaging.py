@@ -212,6 +212,7 @@ def fresh(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_what_an_extra_brings_is_not_imported() -> None:
     """A robot needs neither pictures nor Jupyter."""
     run = fresh("import sys, sdhj; print(*sys.modules); import sdhj.plotting; print(*sys.modules)")
@@ -254,6 +255,7 @@ for missing, line in [
 """
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_named() -> None:
     run = fresh(MISSING)
     command, _, rest = run.stdout.partition("status 2\n")

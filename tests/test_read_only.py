@@ -159,6 +159,7 @@ def says(table, tmp_path):
     return [np.array(one).tobytes() if isinstance(one, np.ndarray) else one for one in known]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_nothing_that_is_handed_out_can_be_written_through(name, tmp_path):
     """All public attributes and methods of problem, table, controller, batch, report and trajectory are written to."""
@@ -194,6 +195,7 @@ def test_nothing_that_is_handed_out_can_be_written_through(name, tmp_path):
     assert before == after and str(report) == counts and written > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_kept_is_read_only(name):
     """Arrays in fields and cached properties, public ones and others, wherever a problem or table keeps them."""
@@ -244,6 +246,7 @@ def test_what_was_given_may_change(rng):
     assert (u.copy() * 0.9).tolist() == (0.9 * MOVES[1]).tolist()
 
 
+@pytest.mark.slow
 def test_no_kernel_is_compiled_twice_for_what_may_be_written():
     """In a process of its own, as other tests call kernels by hand."""
     if numba.config.DISABLE_JIT:

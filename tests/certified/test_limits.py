@@ -104,6 +104,7 @@ def swing():
 # ---- what is said, and followed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "cells"),
     [
@@ -154,6 +155,7 @@ def test_a_gap_that_is_too_narrow():
     assert solved(plane(gap=1.0), 160, 160).contains(before).mean() > 0.3
 
 
+@pytest.mark.slow
 def test_noise_and_a_controller_that_remembers():
     noisy = joint(0.02, 0.05)
     table = solved(noisy, 120, 120)
@@ -163,6 +165,7 @@ def test_noise_and_a_controller_that_remembers():
     assert remembers > before + 0.3 and share(joint(0.02, 0.01), 120, 120) > before + 0.3
 
 
+@pytest.mark.slow
 def test_creep():
     """What moves less than a cell in an interval is rounded out; a longer interval helps, and cells along one axis."""
     fast = joint(0.01)
@@ -218,6 +221,7 @@ def test_a_pole_is_kept_upright_where_the_track_is_left_out():
     assert with_track == 0.0 and without > 0.5
 
 
+@pytest.mark.slow
 def test_more_than_twice_the_cells():
     """Where twice the cells along an axis still prove nothing, and eight times as many do."""
     says = solved(joint(0.01), 20, 20).explain([0.0, 0.0])
@@ -229,6 +233,7 @@ def test_more_than_twice_the_cells():
     assert solved(joint(0.01), 80, 160).contains([[0.0, 0.0]])[0]
 
 
+@pytest.mark.slow
 def test_more_cells_along_an_axis():
     """README's car, on few cells: rounding is the cause, and cells that are said to help do."""
     problem = replace(car(), steps=8)

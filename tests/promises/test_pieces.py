@@ -52,6 +52,7 @@ def hull_of_arc(way, delta=0.1, corners=25):
     return np.unique(np.round((arc[:, None] + arc[None]) / 2, 9).reshape(-1, 2), axis=0)[::4], arc
 
 
+@pytest.mark.slow
 def test_pieces_converge_to_brute_force():
     """What one box loses for ever comes back with the pieces, to the first order."""
     given = (-1.0, -1.0), (1.0, 1.0), (41, 41), (True, True)

@@ -90,6 +90,7 @@ def robot(distance):
     )
 
 
+@pytest.mark.slow
 def test_however_angles_are_written_as_much_is_certified(tmp_path):
     written_as = [
         lambda x, most: by_mod(x) - most,

@@ -74,6 +74,7 @@ def test_distances_are_ours(name, rng) -> None:
     assert 20 < touched < 480
 
 
+@pytest.mark.slow
 def test_mujoco_moves_as_we_do() -> None:
     controller = Controller(table())
     for adversary, start in (("aggressive", 0), ("worst", 1), ("random", 2)):
@@ -114,6 +115,7 @@ def test_a_planted_collision_is_seen() -> None:
     assert report.closest < 0
 
 
+@pytest.mark.slow
 def test_runs_of_a_certified_table_touch_nothing() -> None:
     for adversary in ("aggressive", "worst"):
         report = check_runs(Controller(certified_table()), 40, adversary, seed=1, progress=False)
@@ -132,6 +134,7 @@ def test_what_cannot_be_modelled_is_refused() -> None:
         check_runs(Controller(table()), 5, finer=0)
 
 
+@pytest.mark.slow
 def test_pictures_and_the_command_line(tmp_path) -> None:
     problem, run = longest_run()
     try:
@@ -151,6 +154,7 @@ def test_pictures_and_the_command_line(tmp_path) -> None:
     assert "contacts in MuJoCo: 0 runs" in done.output and (tmp_path / "strip.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_without_mujoco_one_line_says_what_to_install() -> None:
     code = "import sys; sys.modules['mujoco'] = None; from physics import main; main(['any.npz'])"
     done = subprocess.run([sys.executable, "-c", code], cwd=FIGURES, capture_output=True, text=True)
