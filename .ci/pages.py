@@ -74,9 +74,9 @@ def found(name: str) -> tuple[str, str]:
     else:
         given: Any = pydoc.locate(name)
         docstring, path = inspect.getdoc(given), Path(inspect.getsourcefile(inspect.unwrap(given)) or "")
-    lines = (docstring or "").split("\n\n")[0].splitlines()
-    last = next((number for number, line in enumerate(lines) if line.endswith(".")), len(lines) - 1)
-    return " ".join(line.strip() for line in lines[: last + 1]), path.relative_to(ROOT).as_posix()
+    said = (docstring or "").split("\n\n")[0].splitlines()
+    last = next((number for number, line in enumerate(said) if line.endswith(".")), len(said) - 1)
+    return " ".join(line.strip() for line in said[: last + 1]), path.relative_to(ROOT).as_posix()
 
 
 def rules() -> str:
@@ -112,5 +112,5 @@ def gallery() -> str:
 
 
 if __name__ == "__main__":
-    for page, text in pages().items():
-        page.write_text(text, "utf-8")
+    for changed, wanted in pages().items():
+        changed.write_text(wanted, "utf-8")
