@@ -27,7 +27,7 @@ class Sampled(Statement):
 
     At nodes by `sample`, `goal`, `target_at`, `unsafe_at` and `unsafe_over`; at states by `target_value`,
     `unsafe_value` and `unsafe_along`. `on` is the problem on a window of its grid, `padded` that on the games' grid.
-    Samples of sets that do not move are kept until `forget_samples`.
+    Samples of sets that do not move are kept.
     """
 
     @cached_property
@@ -98,10 +98,6 @@ class Sampled(Statement):
             found = known.get(how)
             known[how] = self._static[level_set, *how] = read_only(sample()) if found is None else found
         return self._static[level_set, *how]
-
-    def forget_samples(self) -> None:
-        """Drop the samples that this problem keeps, of sets that do not move; when needed they are taken anew."""
-        self._static.clear()
 
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
