@@ -63,7 +63,7 @@ ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at 
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 TRIES = 30  # to find such boxes
-FINER = ((1, False), (1, True), (8, True), (64, True))  # pieces of a part, and whether ends move as in their face
+FINENESS = 1, 8  # pieces of a part, at first and where that leaves something open
 DEEPEST = 6  # times that a box of states is halved along each axis
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
@@ -372,11 +372,11 @@ class Argument:
         whole = np.array([self.problem.lower, self.problem.upper])[:, :, None]
         return np.where(self.known[:, None], self.ends(self.cells_at(places, self.strides), self.near), whole)
 
-    def driven(self, places: Array, j: int, start: int, pieces: int, faces: bool) -> tuple[Array, Array]:
+    def driven(self, places: Array, j: int, start: int, pieces: int) -> tuple[Array, Array]:
         """How far the ends of the boxes at places (M,) move under u_j in the interval from a step: swept, and last.
 
         As `Tubes` has them. With these added a box holds all that can be reached, whatever the adversary does; infinite
-        where no such box is found. pieces : of each part. faces : see `piece`.
+        where no such box is found. pieces : of each part.
         """
         robot, at = self.problem, self.boxes(places)
         hold = (self.walls & self.known[:, None]).T[:, :, None]
@@ -400,30 +400,30 @@ class Argument:
             for begin, end in pairwise(sorted({*own, *more})):
                 ending = moved if begin <= soonest else ending
                 box, times = at + np.where(self.known[:, None], moved, 0.0), (begun + begin, begun + end)
-                after = held(self.piece(box, moved, j, times, end - begin, gain * (end - begin), faces))
+                after = held(self.piece(box, moved, j, times, end - begin, gain * (end - begin)))
                 gain, moved = OUT * np.maximum(OUT * (after - moved) / (end - begin), 0.0), after
                 reached, ending = farther(reached, moved), farther(ending, moved)
             swept[part] = reached
         last = ending if robot.jitter else moved
         return swept, held(self.carried_on(at, last) if robot.memory else last + OUT * self.off[:, None])
 
-    def piece(self, box: Array, moved: Array, j: int, times: Times, h: float, far: Array, faces: bool) -> Array:
+    def piece(self, box: Array, moved: Array, j: int, times: Times, h: float, far: Array) -> Array:
         """How far the ends of boxes have moved after a piece of the interval that is h long, s: (2, ndim, M).
 
         First an enclosure is looked for that no state leaves in the piece: with every velocity in it the box, moved for
-        up to h, stays inside. Then each end moves with the extreme velocity in the enclosure; or, with `faces`, along
-        axes whose velocity depends on their own coordinate, with that in the face of the enclosure that the end passes
-        (Mueller): a state is beyond the end only if it was on it before, and was faster there.
+        up to h, stays inside. Then each end moves with the extreme velocity in the enclosure, or along axes whose
+        velocity depends on their own coordinate with that in the face of the enclosure that the end passes (Mueller): a
+        state is beyond the end only if it was on it before, and was faster there.
 
         box (2, ndim, M) : the ends as the piece begins. moved : how far they had moved. far : a guess of what is added.
         """
         known, h = self.known[:, None], h * (1 + 1e-15)
         some, rounded = OUT * 0.1 * self.near[:, None], ROUNDED * self.scale[:, None]
-        out, far, left = np.empty_like(box), far.copy(), np.arange(box.shape[2])
+        far, left = far.copy(), np.arange(box.shape[2])
         for _ in range(TRIES):
             own, reach = box[:, :, left], far[:, :, left]
             enclosure = own + np.where(known, WIDER * reach + some, 0.0)
-            out[:, :, left] = found = self.velocity(j, enclosure, times)
+            found = self.velocity(j, enclosure, times)
             now = np.array([h * np.minimum(found[0], 0.0), h * np.maximum(found[1], 0.0)])
             fits = ~known | (OUT * (enclosure - own - now) > rounded)
             stays = fits.all(axis=(0, 1))
@@ -431,14 +431,13 @@ class Argument:
             left = left[~stays]
             if not left.size:
                 break
-        if faces and left.size < box.shape[2]:
-            # what is reached within the piece; a coordinate that cannot grow needs no room above, nor one below
-            enclosure = box + np.where(known, far + some * (far != 0), 0.0)
-            out = self.velocity(j, enclosure, times)
-            for axis, side in product(np.flatnonzero(self.known & self.problem.reads_itself), (0, 1)):
-                face = enclosure.copy()
-                face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes
-                out[side, axis] = self.velocity(j, face, times)[side, axis]
+        # what is reached within the piece; a coordinate that cannot grow needs no room above, nor one below
+        enclosure = box + np.where(known, far + some * (far != 0), 0.0)
+        out = self.velocity(j, enclosure, times)
+        for axis, side in product(np.flatnonzero(self.known & self.problem.reads_itself), (0, 1)):
+            face = enclosure.copy()
+            face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes
+            out[side, axis] = self.velocity(j, face, times)[side, axis]
         after = moved + h * out + OUT * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
         after[:, :, left] = OUT * np.inf  # of which nothing is known
         return after
@@ -820,14 +819,14 @@ class Argument:
             open_sites[step] = said & (own & chosen).any(axis=others, keepdims=True)
             arrive.note(said & own.any(axis=others, keepdims=True), open_sites[step], said)
         with np.errstate(all="ignore"):
-            for finer in FINER:
+            for pieces in FINENESS:
                 needed = open_moves.copy()
                 for cells in open_cells.values():
                     needed |= cells.any(axis=free).ravel()
                 for sites in open_sites.values():
                     needed |= sites.any(axis=free).ravel()
                 for places in np.array_split(np.flatnonzero(needed), -(-int(needed.sum()) // PLACES) or 1):
-                    self.take_out(start, j, finer, places, open_moves, open_cells, open_sites)
+                    self.take_out(start, j, pieces, places, open_moves, open_cells, open_sites)
         moves.fail(f"start {start}, input {j}, place", open_moves)
         for step, cells in open_cells.items():
             clear.fail(f"start {step}, input {j}, cell", cells)
@@ -839,7 +838,7 @@ class Argument:
         self,
         start: int,
         j: int,
-        finer: tuple[int, bool],
+        pieces: int,
         places: Array,
         open_moves: Array,
         open_cells: dict[int, Array],
@@ -850,7 +849,7 @@ class Argument:
             return
         rows, looked_at = np.empty(len(open_moves), np.int64), np.zeros(len(open_moves), np.bool_)
         rows[places], looked_at[places] = np.arange(places.size), True
-        swept, last = self.driven(places, j, start, *finer)
+        swept, last = self.driven(places, j, start, pieces)
         tubes = Tubes(rows, swept, farthest(swept), last)
         open_moves[places] &= ~self.moves_hold(places, start, j, tubes.last)
         here = looked_at.reshape(np.where(self.known, self.counts, 1))

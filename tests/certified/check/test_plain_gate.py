@@ -262,9 +262,9 @@ def test_what_begins_late_moves_as_far(name, files, tmp_path, monkeypatch):
     with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
         plain = Argument(told, arrays)
     places = np.arange(plain.low.shape[2])
-    soon = plain.driven(places, 0, 0, 8, True)[1]
+    soon = plain.driven(places, 0, 0, 8)[1]
     monkeypatch.setattr(plain, "time", lambda step: 2.0 * np.pi * 1e12)
-    late = plain.driven(places, 0, 0, 8, True)[1]
+    late = plain.driven(places, 0, 0, 8)[1]
     np.testing.assert_array_equal(late, soon)
 
 
@@ -363,7 +363,6 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     # 2: moves
     "a short piece beside a layer": ("argument", "soon = [self.length * AT_FIRST]", "soon = [0.0]", "standing soon"),
     "room only where something grows": ("argument", "far + some * (far != 0)", "far + some", "standing"),
-    "faces": ("argument", "if faces and", "if False and", "standing"),
     "the adversary": (
         "stated",
         ").max(axis=0) if pushed else np.zeros(",
