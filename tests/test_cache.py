@@ -264,12 +264,16 @@ with announced(progress={progress}):
     grid.interpolate(np.zeros(5), np.zeros((1, 1)))
 print("end")
 """
-    told = code.format(progress=True)
+    told = code.format(progress=None)  # where standard error is no terminal
     assert run(told, tmp_path).split("\n") == [LINE, "end", ""]
     assert run(told, tmp_path).split() == ["end"]
-    quiet = tmp_path / "quiet"
+    quiet, cell = tmp_path / "quiet", tmp_path / "cell"
     quiet.mkdir()
-    assert run(code.format(progress=None).replace("=True", "=False"), quiet).split() == ["end"]
+    cell.mkdir()
+    assert run(code.format(progress=False).replace("=True", "=False"), quiet).split() == ["end"]
+    stream = 'import io; sys.stderr = type("Stream", (io.StringIO,), {"__module__": "ipykernel.iostream"})()'
+    in_a_cell = told.replace("sys.stderr = sys.stdout", stream) + "print(len(sys.stderr.getvalue()))"
+    assert run(in_a_cell, cell).split() == ["end", "0"]
 
 
 # ---- kernels that Python calls, and that kernels call

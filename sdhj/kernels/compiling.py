@@ -1,4 +1,4 @@
-"""Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens.
+"""Compiling kernels, and saying so: the first use takes up to a minute in which nothing else happens.
 
 How a kernel is compiled. Numba makes of each function, by itself, code that LLVM has optimised, machine code, and
 wrappers for callers in Python and C; where another function calls it, its code is linked into that one and optimised
@@ -44,7 +44,7 @@ try:
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
+LINE = "compiling for this machine, up to a minute; later runs read it from a cache"
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 GLANCE = 0.05  # s between two looks at how many cores are free
 KEPT_DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
@@ -462,9 +462,11 @@ def hidden(progress: bool | None) -> bool:
 def announced(progress: bool | None = None) -> Iterator[None]:
     """A context that says once on standard error that kernels are compiled, should any be; says nothing within another.
 
-    progress : as for `sdhj.solve`; by default where standard error is a terminal.
+    progress : False, to say nothing. Unlike a bar it is also said where standard error is no terminal, but for cells of
+        notebooks, which would keep it.
     """
-    if _listening or hidden(progress):  # what is around it says it already
+    in_cell = type(sys.stderr).__module__.startswith("ipykernel")
+    if _listening or in_cell or hidden(progress is not False):  # what is around it says it already
         yield
         return
     listener = _Announcer()
