@@ -5,6 +5,8 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, reduce
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +14,8 @@ import numpy as np
 from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
+from sdhj.certified.check import Verdict
+from sdhj.certified.check import verify as check
 from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.limits import Limits
@@ -575,6 +579,43 @@ class CertifiedTable(Table):
         """
         each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
+
+    def verify(self, *, everywhere: bool = False, samples: int | None = None, progress: bool | None = None) -> Verdict:
+        """Check what the table claims by code that shares nothing with the solver, as `sdhj verify` checks a file.
+
+        Parameters
+        ----------
+        everywhere : bool
+            Whether moves and clear inputs are proved of all cells; by default of those that are promised.
+        samples : int, optional
+            So many random cells are looked at in place of all, which proves nothing of the others.
+        progress : bool, optional
+            Whether to show progress bars; by default where standard error is a terminal.
+
+        Returns
+        -------
+        Verdict
+            All claims, with what was not proved of each: `ok` if nothing failed, and a text.
+
+        Raises
+        ------
+        OSError
+            Where the system's folder for temporary files has no room for the table's, which is written there.
+        MemoryError
+            Where the check takes more memory than is free.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, certified:
+
+        >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
+        >>> proved.verify().ok
+        True
+        """
+        with TemporaryDirectory() as folder:
+            self.save(path := Path(folder) / "table.npz", compress=False)
+            given = self.problem if self.problem.opaque else None
+            return check(path, given, everywhere=everywhere, samples=samples, progress=progress)
 
     def save(self, path: str | os.PathLike[str], compress: bool = True) -> None:
         """Write the table to a file, as `LookupTable.save` does, which is replaced, whole or not at all.
