@@ -63,9 +63,9 @@ def flags(what: str, given: Any, count: int) -> Array:
 
 
 def label(given: Any) -> str:
-    """A name that is printed: at most 100 characters, none of which could look like a line of the verdict."""
-    expect(isinstance(given, str) and len(given) <= 100 and given.isprintable(), "a name must be plain text", given)
-    return str(given)
+    """A name as it is printed: at most 100 characters, in one line, so that none looks like a line of the verdict."""
+    expect(isinstance(given, str), "a name must be text", given)
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in given[:100])
 
 
 class BlackBox:

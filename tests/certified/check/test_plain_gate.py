@@ -216,7 +216,7 @@ NEW = {
     "a field of a set": Forgery("line", "a set must have no unknown field", of_a_set(1, until=1.0)),
     "cells of an arm": Forgery("line", "cells must be those of a robot", whole("cells kind", "arms")),
     "cells that close": Forgery("line", "cells must close where the axes do", whole("cells periodic", [True])),
-    "a name of two lines": Forgery("line", "a name must be plain text", of_a_set(1, name="post\nproved")),
+    "a name that is none": Forgery("line", "a name must be text", of_a_set(1, name=7)),
     "two velocities": Forgery(
         "line",
         "functions must be of velocities",
@@ -266,6 +266,13 @@ def test_what_begins_late_moves_as_far(name, files, tmp_path, monkeypatch):
     monkeypatch.setattr(plain, "time", lambda step: 2.0 * np.pi * 1e12)
     late = plain.driven(places, 0, 0, 8)[1]
     np.testing.assert_array_equal(late, soon)
+
+
+def test_a_name_is_printed_in_one_line(files, tmp_path):
+    path = Forgery("line", "", of_a_set(1, name="post\n\nproved" + 200 * "!")).write(files("line"), tmp_path / "f.npz")
+    with head_and_arrays(path) as (told, arrays):
+        text = str(Argument(told, arrays).problem)
+    assert "unsafe, post\\n\\nproved!!!" in text and 101 * "!" not in text
 
 
 def test_what_is_not_promised_is_counted(files, tmp_path):
