@@ -148,9 +148,9 @@ class Folder:
     def tube(self, place: int) -> FloatArray:
         """The stored tube at a place, mapped: (*shape). It must not be written."""
         shape, dtype = self.parts.problem.grid.shape, np.dtype(self.parts.dtype)
-        begin = container.HEADER + place * int(np.prod(shape)) * dtype.itemsize
+        offset = container.HEADER + place * int(np.prod(shape)) * dtype.itemsize
         # what may not be written has another type, for which kernels would be compiled once more
-        return np.asarray(np.memmap(self.file("tubes"), dtype, "c", begin, shape))
+        return np.asarray(np.memmap(self.file("tubes"), dtype, "c", offset, shape))
 
     @cached_property
     def rows(self) -> InputRows:
@@ -301,8 +301,8 @@ class Folder:
         size, places = self.parts.shape("marks")[1:], self.places
         for number, place in enumerate(np.unique(places).tolist()):
             if number < place and number >= self.moved:
-                begin = container.HEADER + place * math.prod(size)
-                self.write("marks", number, np.memmap(self.file("marks"), np.uint8, "r", begin, size))
+                offset = container.HEADER + place * math.prod(size)
+                self.write("marks", number, np.memmap(self.file("marks"), np.uint8, "r", offset, size))
                 self.write("tubes", number, self.tube(place))
                 with replaced_whole(self.path / DONE / "moved") as temporary:
                     temporary.write_text(str(number + 1))

@@ -7,6 +7,7 @@
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -139,8 +140,8 @@ class Table(ReadOnly):
 
     def with_details(self, details: Mapping[str, Any]) -> Self:
         """The same table with other details; what look-ups have kept so far is shared with it."""
-        out = object.__new__(type(self))
-        vars(out).update(vars(self) | {"details": Sealed(details)})
+        out = replace(self, details=Sealed(details))
+        vars(out).update(vars(self) | vars(out))
         return out
 
     @cached_property
