@@ -76,10 +76,10 @@ def test_nobody_who_remembers_is_lost(delta, fast):
         states, known = q, controller.predict(measured(q, rng), 2, 0)
         for _ in range(int(3 / delta)):
             if wanted is None:
-                batch = controller.batch(known, 0)
+                batch = table.batch(known, 0)
                 inputs, promised = controller.choose(batch), batch.promised
             else:
-                answer = controller.filter(known, 0, np.full(len(known), wanted))
+                answer = controller.filter(known, 0, np.full(len(known), wanted), first=True)  # carried on below
                 inputs, promised = answer.inputs, answer.promised
             assert promised.all()
             states, hit = moved(states, LEVELS[inputs, 0], delta, rng)
@@ -163,7 +163,7 @@ def test_grids_remember_too(rate):
     states = q[table.contains(q)][:200]
     known = controller.predict(measured(states, rng), 2, 0)
     for _ in range(3 * rate):
-        answer = controller.filter(known, 0, np.full(len(known), 4))
+        answer = controller.filter(known, 0, np.full(len(known), 4), first=True)  # carried on below
         assert answer.promised.all()
         states, hit = moved(states, LEVELS[answer.inputs, 0], delta, rng)
         assert not hit.any()
@@ -198,6 +198,8 @@ def test_a_prediction_by_itself_is_refused(fast):
         "steps_to_go": lambda q, **given: controller.steps_to_go(q, **given),
         "safe_inputs": lambda q, **given: controller.safe_inputs(q, **given),
         "filter": lambda q, **given: controller.filter(q, 0, 4, **given),
+        "batch": lambda q, **given: controller.batch([q, q], **given),
+        "filter of many": lambda q, **given: controller.filter([q, q], 0, [4, 4], **given),
     }
     for ask in asked.values():  # before a loop has begun
         with pytest.raises(ValueError, match=r"promises nothing of a prediction by itself: ask controller\.step"):

@@ -18,7 +18,7 @@ import subprocess
 import zlib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
+from functools import cached_property, partial
 from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -47,7 +47,8 @@ NO_INPUT, ARRIVED = 65535, 65534
 MOST_EXPORTED = 65533
 TESTS = 1000
 DRAWN_CELLS = 1 << 17  # cells, to see which inputs are frequent
-STATUS = {"IN_TARGET": 1, "NOT_PROVED": -1, "OFF_GRID": -2, "PAST_SAFE_END": -3, "LAST_STEP": -5, "LEFT_OUT": -8}
+STATUS = {"IN_TARGET": 1, "NOT_PROVED": -1, "OFF_GRID": -2, "PAST_SAFE_END": -3, "LAST_STEP": -5}
+STATUS |= {"LEFT_OUT": -8, "NOT_CARRIED": -9}
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-shared", "-fPIC")
 FIXED_HEADER = Path(__file__).with_name("sdhj").with_suffix(".h")
 
@@ -578,10 +579,12 @@ int x_open(void *t, const void *bytes, size_t size, const uint8_t *digest) {
   return status;
 }
 uint32_t x_selftest(const void *t) { return sdhj_selftest((const sdhj_table *)t); }
-void x_ask(const void *table, int what, uint32_t step, const double *states, size_t count, const uint32_t *wanted,
-           const double *commands, int32_t *status, uint32_t *value, uint8_t *masks) {
-  const sdhj_table *t = (const sdhj_table *)table;
+void x_ask(const void *table, int what, int first, uint32_t step, const double *states, size_t count,
+           const uint32_t *wanted, const double *commands, int32_t *status, uint32_t *value, uint8_t *masks) {
+  sdhj_table own = *(const sdhj_table *)table;
+  const sdhj_table *t = &own;
   size_t i;
+  if (first) own.leads = 0; /* no loop has begun: a copy that knows of none looks up the same places */
   for (i = 0; i < count; i++) {
     const double *q = states + i * t->axes;
     uint8_t *bits = masks + i * t->mask;
@@ -636,12 +639,16 @@ class Exported:
         """The bytes of `sdhj_table.bin`."""
         return len(self.data)
 
-    def ask(self, what: str, states: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, FloatArray]:
+    def ask(
+        self, what: str, states: FloatArray, step: int = 0, wanted: Any = None, *, first: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
         """The status (M,) and the answers of the C to one of `QUESTIONS`, for states (M, ndim) at a step.
 
         what : one of `QUESTIONS`. step : not used where nothing depends on time.
         wanted : for "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m), or
             one for all states; None: index 0, or zeros. Others do not use it.
+        first : of a table for a controller that remembers, whether all states are first measurements of loops. Others
+            have the status -9, except of "fallback" and "clear_inputs": `loop` carries points on.
 
         ValueError for another name or shape of states, OSError without a C compiler.
         """
@@ -658,17 +665,21 @@ class Exported:
         arrays = [ctypes.c_void_p(part.ctypes.data) for part in (given, index, command, status, value, masks)]
         library, opened = self._opened
         library.x_ask(
-            opened, QUESTIONS.index(what), ctypes.c_uint32(step), arrays[0], ctypes.c_size_t(count), *arrays[1:]
+            *(opened, QUESTIONS.index(what), int(first), ctypes.c_uint32(step)),
+            *(arrays[0], ctypes.c_size_t(count), *arrays[1:]),
         )
         if what.endswith("inputs"):
             return status, np.unpackbits(masks, axis=1, count=len(inputs), bitorder="little").astype(bool)
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
-        """One of `QUESTIONS` as a function (states, step=0, wanted=None) that calls `ask`; else AttributeError."""
+        """One of `QUESTIONS` as a function (states, step=0, wanted=None, *, first=False) that calls `ask`.
+
+        AttributeError for another name.
+        """
         if name not in QUESTIONS:
             raise AttributeError(name)
-        return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)
+        return partial(self.ask, name)
 
     def loop(self, count: int) -> "Loop":
         """The control loops of `count` robots, with empty memories.

@@ -22,7 +22,8 @@
  *   sdhj_memory memory = {0};                                            anew for each loop, and after a missed deadline
  *   status = sdhj_step(&table, &memory, step, measurement, &input);
  * or by its parts: `sdhj_remember`, a function that ends in _at, and `sdhj_applied` with whatever input was applied. What
- * is asked with measurements alone, as above, is proved for one interval and promises nothing beyond it.
+ * is asked with measurements alone, as above, would be proved for one interval and promise nothing beyond it: the status
+ * is SDHJ_NOT_CARRIED. A first measurement is asked about by `sdhj_remember` with a new memory.
  */
 #ifndef SDHJ_H
 #define SDHJ_H
@@ -48,7 +49,8 @@ typedef enum {
   SDHJ_LAST_STEP = -5,     /* step N or later: no interval is left */
   SDHJ_BAD_TABLE = -6,     /* damaged, cut short, of another version or of another robot */
   SDHJ_BAD_ARGUMENT = -7,  /* no such cell or input */
-  SDHJ_LEFT_OUT = -8       /* the table was exported without this (--only) */
+  SDHJ_LEFT_OUT = -8,      /* the table was exported without this (--only) */
+  SDHJ_NOT_CARRIED = -9    /* a measurement by itself, where the table is for a loop that remembers: ask sdhj_step */
 } sdhj_status;
 
 /* What a word has, in this order; bits of sdhj_table.fields. */
@@ -322,9 +324,10 @@ static inline sdhj_status sdhj_open(sdhj_table *t, const void *bytes, size_t siz
 /* ---- where a state is */
 
 /* The place of one cell, its number on each axis: of encoder counts, for example. On an axis with a layer at its lower
- * end (layers & 1) cell 0 is the wall itself, and those of some width begin with 1. */
+ * end (layers & 1) cell 0 is the wall itself, and those of some width begin with 1. A loop that remembers carries no cells. */
 static inline sdhj_status sdhj_cell(const sdhj_table *t, const uint32_t *cell, sdhj_place *place) {
   uint32_t axis;
+  if (t->leads > 0u) return SDHJ_NOT_CARRIED;
   for (axis = 0; axis < t->axes; axis++) {
     if (cell[axis] >= t->count[axis]) return SDHJ_BAD_ARGUMENT;
     place->first[axis] = place->last[axis] = cell[axis];
@@ -401,11 +404,16 @@ static inline sdhj_status sdhj_place_of(const sdhj_table *t, const double *point
   return status;
 }
 
-/* The cells of a state, or of a measurement. */
+/* The cells of a state, or of a first measurement. */
 static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, sdhj_place *place) {
   double seen[SDHJ_AXES];
   const sdhj_status status = sdhj_seen(t, state, seen);
   return status != SDHJ_OK ? status : sdhj_place_of(t, seen, place);
+}
+
+/* The cells of a state that more is asked about than one interval, which a loop that remembers must have carried on. */
+static inline sdhj_status sdhj_locate_alone(const sdhj_table *t, const double *state, sdhj_place *place) {
+  return t->leads > 0u ? SDHJ_NOT_CARRIED : sdhj_locate(t, state, place);
 }
 #endif
 
@@ -550,7 +558,8 @@ static inline sdhj_status sdhj_filter_at(const sdhj_table *t, uint32_t step, con
   return nearest > -1.5 ? SDHJ_OK : status == SDHJ_IN_TARGET ? status : SDHJ_NOT_PROVED;
 }
 
-/* ---- the same of a state, (axes,) in the units of the axes */
+/* ---- the same of a state, (axes,) in the units of the axes; where the table is for a loop that remembers, only
+ * sdhj_clear_inputs and sdhj_fallback, which speak of one interval */
 
 /* Whether a state on the grid is in the target itself, where the table has been told how to see it. */
 static inline int sdhj_there(const sdhj_table *t, uint32_t step, const double *state) {
@@ -566,7 +575,7 @@ static inline int sdhj_done(const sdhj_table *t, uint32_t step, const double *st
 
 static inline sdhj_status sdhj_steps_to_go(const sdhj_table *t, uint32_t step, const double *state, uint32_t *steps) {
   sdhj_place place;
-  sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate_alone(t, state, &place);
   *steps = UINT32_MAX;
   if (status != SDHJ_OK) return status;
   status = sdhj_steps_to_go_at(t, step, &place, steps);
@@ -577,7 +586,7 @@ static inline sdhj_status sdhj_steps_to_go(const sdhj_table *t, uint32_t step, c
 
 static inline sdhj_status sdhj_select(const sdhj_table *t, uint32_t step, const double *state, uint32_t *input) {
   sdhj_place place;
-  sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate_alone(t, state, &place);
   *input = t->brake;
   if (status != SDHJ_OK) return status;
   status = sdhj_select_at(t, step, &place, input);
@@ -588,7 +597,7 @@ static inline sdhj_status sdhj_select(const sdhj_table *t, uint32_t step, const 
 
 static inline sdhj_status sdhj_safe_inputs(const sdhj_table *t, uint32_t step, const double *state, uint8_t *bits) {
   sdhj_place place;
-  sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate_alone(t, state, &place);
   memset(bits, 0, t->mask);
   if (status != SDHJ_OK) return status;
   status = sdhj_safe_inputs_at(t, step, &place, bits);
@@ -613,7 +622,7 @@ static inline sdhj_status sdhj_fallback(const sdhj_table *t, uint32_t step, cons
 
 static inline sdhj_status sdhj_filter(const sdhj_table *t, uint32_t step, const double *state, uint32_t wanted, uint32_t *input) {
   sdhj_place place;
-  sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate_alone(t, state, &place);
   *input = t->brake;
   if (status != SDHJ_OK) return status;
   status = sdhj_filter_at(t, step, &place, wanted, NULL, input);
@@ -622,7 +631,7 @@ static inline sdhj_status sdhj_filter(const sdhj_table *t, uint32_t step, const 
 
 static inline sdhj_status sdhj_filter_command(const sdhj_table *t, uint32_t step, const double *state, const double *command, uint32_t *input) {
   sdhj_place place;
-  sdhj_status status = sdhj_locate(t, state, &place);
+  sdhj_status status = sdhj_locate_alone(t, state, &place);
   *input = t->brake;
   if (status != SDHJ_OK) return status;
   status = sdhj_filter_at(t, step, &place, 0, command, input);

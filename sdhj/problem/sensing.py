@@ -28,9 +28,9 @@ from step to step, with the promise that the state is in c +- E. Let [L, H] hold
 to under the input. The next c is the prediction, clipped to [L + E, H - E] (the middle where that is empty): the state
 is in it again +- E, because it is in [L, H] and within E of the prediction. So in place of "shrunk by E" in K, the box
 [L, H] of a point is shrunk: M_k^n are the points c for which one u is right for every state of c +- E and leads to
-points of M_{k+1}^{n-1} only. `Controller.step` is the loop that remembers; who asks `select` with every new prediction
-does not, would be promised nothing by such a table beyond the step, and is refused: `memory=False` is for who cannot
-remember.
+points of M_{k+1}^{n-1} only. `Controller.step` is the loop that remembers; who asks `select`, `batch` or `filter` with
+every new prediction does not, would be promised nothing by such a table beyond the step, and is refused, in C too:
+`memory=False` is for who cannot remember.
 
 On an axis along which all of [L, H] is held at a wall the state is known: the next c is at the wall, and its box has no
 width there. So who brakes until nothing it can have come to moves stands, whatever it measures; a first measurement
@@ -68,7 +68,7 @@ class Sensing:
     memory : bool
         Whether the controller remembers from step to step what the state can be (*Memory* in `sdhj.problem.sensing`):
         larger sets, the more the higher the rate, for control loops that ask `Controller.step`, or `sdhj_step` in C. A
-        loop that asks `select` or `filter` with each new measurement needs memory=False.
+        loop that asks `select`, `batch` or `filter` with each new measurement is refused, and needs memory=False.
 
     Raises
     ------

@@ -124,7 +124,9 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
         runs, now, end, last = self.runs, self.now, self.now + 1, self.now + 1 == self.table.steps
         known, rows = runs.predictions, np.array([0])
-        applied = int(self.controller.filter(known[0], now, int(action)).inputs if self.shield else action)
+        applied = int(action)
+        if self.shield:  # the runs themselves carry the points on
+            applied = int(self.controller.filter(known[0], now, applied, first=True).inputs)
         runs.simulate_inputs(now, rows, np.array([applied]), self.table.batch(known, now).steps_to_go)
         runs.end_reached(end, last)
         self.now = end
@@ -144,6 +146,6 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}
         each = np.arange(len(mask))
-        told = self.controller.filter(np.repeat(self.runs.predictions, len(mask), axis=0), self.now, each)
+        told = self.controller.filter(np.repeat(self.runs.predictions, len(mask), axis=0), self.now, each, first=True)
         mask[:] = ~told.changed
         return {"outcome": "", "action_mask": mask, "promised": bool(told.promised[0])}

@@ -133,7 +133,7 @@ class Runs:
             Returns them and the steps to go, (M,) int each, -1 for no answer. At the last step, where no input is
             chosen, the steps to go are returned in place of the inputs.
             """
-            batch = self.controller.batch(predict(off), step)
+            batch = self.controller.answers(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
             return chosen, np.where(batch.steps_to_go > 0, batch.steps_after + 1, batch.steps_to_go)
 
@@ -184,7 +184,7 @@ class Runs:
         if alive.size and not problem.has_no_target:
             reached = problem.target_value(self.states[alive], problem.time(number)) <= 0
             if problem.sensing:  # the robot has to know; with jitter the target stands still
-                known = self.controller.batch(self.predictions[alive[reached]], step).steps_to_go == 0
+                known = self.controller.answers(self.predictions[alive[reached]], step).steps_to_go == 0
                 reached[reached] = known
         self.outcomes[alive[reached]] = REACHED
         return alive[~reached]
@@ -199,7 +199,7 @@ class Runs:
         alive, step = self.end_reached(number, last), 0 if self.first_tubes_only else number
         if last or not alive.size:
             return
-        batch = self.controller.batch(self.predictions[alive], step)
+        batch = self.controller.answers(self.predictions[alive], step)
         inputs = self.controller.choose(batch, self.previous_inputs[alive])
         self.outcomes[alive[inputs < 0]] = LEFT
         self.simulate_inputs(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])

@@ -96,8 +96,8 @@ class Controller:
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
     loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on. Other
-    queries of a single state take only this point, or a first prediction (`first=True`). Making a controller loads and
-    prepares what its answers need, so that the first one takes no longer than others.
+    queries take only this point, or first predictions (`first=True`). Making a controller loads and prepares what its
+    answers need, so that the first one takes no longer than others.
 
     Parameters
     ----------
@@ -356,14 +356,17 @@ class Controller:
         return max(steps - whole("step", step, least=0, most=steps), 1)
 
     def _require_carried(self, q: FloatArray, step: int | None, first: bool) -> None:
-        """Raise ValueError where a table for a controller that remembers is asked about a prediction by itself.
+        """Raise ValueError where a table for a controller that remembers is asked about predictions by themselves.
 
-        It may be asked about a first one, and about the point that `step` has carried to its last answer.
+        It may be asked about first ones, and about the point that `step` has carried to its last answer.
+
+        q : (ndim,) or (M, ndim). first : whether the caller says that it is first ones.
         """
         if first or not self.problem.sensing.remembers:
             return
-        point, at = self.remembered or (None, None)
-        if point is None or not np.array_equal(point, q) or (self.depends_on_time and step != at):
+        states, (point, at) = real_array("states", q), self.remembered or (None, None)
+        carried = point is not None and states.shape[-1:] == point.shape and bool((states == point).all())
+        if not carried or (self.depends_on_time and step != at):
             raise ValueError(
                 "this table counts on a controller that remembers, and promises nothing of a prediction by itself: ask "
                 "controller.step(measurement, time), or about the point that it carries on (action.point); say "
@@ -564,11 +567,11 @@ class Controller:
                 self.remembered[0][None], np.array([last.input]), self.remembered[1], state[None]
             )
             state, missed = kept[0], bool(lost[0])
-        batch = self.batch(state[None], step)
+        batch = self.answers(state[None], step)
         left = last.steps_to_go if last and not missed and not self.depends_on_time and problem.has_no_target else None
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
-            batch = self.batch(state[None], step)
+            batch = self.answers(state[None], step)
         chosen, to_go = int(self.choose(batch, held)[0]), int(batch.steps_to_go[0])
         if step == steps:
             chosen = problem.sensing.rest
@@ -604,7 +607,7 @@ class Controller:
 
     # ---- many states
 
-    def batch(self, states: FloatArray, step: int | None = None) -> Batch:
+    def batch(self, states: FloatArray, step: int | None = None, *, first: bool = False) -> Batch:
         """Steps to go, safe inputs and margins of many states at once, computed on all cores.
 
         Parameters
@@ -612,6 +615,9 @@ class Controller:
         states : (M, ndim) array
         step : int, optional
             The one step k at which they all are; may be omitted if nothing depends on time.
+        first : bool
+            Of a table for controllers that remember (`Sensing.memory`): all states are predicted of first measurements
+            of loops.
 
         Returns
         -------
@@ -621,7 +627,8 @@ class Controller:
         Raises
         ------
         ValueError
-            If a state has a NaN or an infinity, or if shape or step do not fit.
+            If a state has a NaN or an infinity, if shape or step do not fit, or if a table for controllers that
+            remember is asked about anything else than first predictions or the point that `step` carried on.
 
         Examples
         --------
@@ -629,6 +636,14 @@ class Controller:
 
         >>> controller.batch([[-2.1], [0.5]], 0).steps_to_go
         array([3, 0])
+        """
+        self._require_carried(states, step, first)
+        return self.answers(states, step)
+
+    def answers(self, states: FloatArray, step: int | None = None) -> Batch:
+        """What `batch` says of states (M, ndim) at a step, and refuses none: for loops that carry points on themselves.
+
+        ValueError as `batch` says.
         """
         step = self._at(step)
         return self.table.batch(states, step, self._within(step))
@@ -644,15 +659,15 @@ class Controller:
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
-            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements,
-            each judged by itself, which needs `Sensing(memory=False)` to be promised anything beyond the step.
+            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
         step : int, optional
             The step k at which the robot is in q, from 0 to N - 1; may be omitted if nothing depends on time.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
         first : bool
-            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
+            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement,
+            or of those of many.
 
         Returns
         -------
@@ -662,7 +677,8 @@ class Controller:
         Raises
         ------
         ValueError
-            At the last step, or if an argument does not fit.
+            At the last step, if an argument does not fit, or if a table for controllers that remember is asked about
+            anything else than first predictions or the point that `step` carried on.
 
         Examples
         --------
@@ -673,8 +689,7 @@ class Controller:
         (2, True)
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
-        if np.ndim(q) == 1:
-            self._require_carried(q, step, first)
+        self._require_carried(q, step, first)
         if self.table.proved and np.ndim(q) == 1 and (found := self._filtered(q, step, wanted)):
             return found
         q, wanted = real_array("states", q), plain_array("wanted", wanted)

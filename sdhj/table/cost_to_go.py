@@ -172,7 +172,7 @@ class CostToGo(ReadOnly):
         judge : a controller with this rule, whose table answers, and by which inputs are scored.
         """
         problem, last = self.problem, step == judge.table.steps
-        batch = judge.batch(states, step)
+        batch = judge.answers(states, step)
         out = np.full(len(states), np.inf)
         over = batch.steps_to_go == 0 if not problem.has_no_target else (batch.steps_to_go >= 0) & last
         out[over] = self._cost.end(problem, states[over], problem.time(step))

@@ -189,8 +189,8 @@ def test_a_first_measurement_of_nothing_is_no_standing(noisy):
     controller, shell = sdhj.Controller(noisy), noisy.proof.shell[1]
     before = 49.6  # so near to the block that only who stands is safe
     place = np.array([[before, 0.0], [before, -0.04], [before, -1e-10], [before, -0.5 * shell]])
-    assert controller.batch(controller.predict(place), 0).steps_to_go.tolist() == [-1] * 4
-    assert controller.batch(place, 0).steps_to_go.tolist() == [-1, -1, -1, noisy.steps]
+    assert controller.batch(controller.predict(place), 0, first=True).steps_to_go.tolist() == [-1] * 4
+    assert noisy.batch(place, 0).steps_to_go.tolist() == [-1, -1, -1, noisy.steps]
     assert not noisy.contains(place).any() and not controller.admissible(place).any()
 
 
@@ -212,7 +212,7 @@ def test_nobody_is_lost_who_stands_with_noise(noisy, tmp_path):
         assert (np.abs(known - states) <= ERROR + 1e-9).all()
         standing = known[:, 1] < 0
         assert (states[standing, 1] <= 1e-12).all()
-        answer = controller.filter(known, 0, wanted)
+        answer = controller.filter(known, 0, wanted, first=True)  # carried on above
         assert answer.promised.all()
         if loop is not None:
             status, inputs, points, missed = loop.step(seen, 0, wanted)

@@ -91,10 +91,10 @@ def answers(table, rule="deepest", controller=None):
     controller, states = controller or sdhj.Controller(table, rule=rule), states_of(table.problem)
     found = []
     for step in (0, table.steps - 1):
-        batch = controller.batch(states, step)
+        batch = controller.batch(states, step, first=True)
         found += [batch.steps_to_go, batch.safe, batch.margins, controller.choose(batch)]
         found += [table.contains(states, start=step), table.contains(states, start=step, within=0)]
-        found += [controller.filter(states, step, np.zeros(len(states), int)).inputs]
+        found += [controller.filter(states, step, np.zeros(len(states), int), first=True).inputs]
         found += [np.array([controller.fallback(one, step).steps for one in states[:10]])]
     return [*found, np.array([table.fraction(within=n) for n in range(table.steps + 1)])]
 

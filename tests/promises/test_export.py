@@ -156,12 +156,12 @@ def assert_alike(table, c, states, step):
     """Steps, safe and clear inputs, the choice and the filter, bit for bit."""
     controller = sdhj.Controller(table)
     states_there = controller.predict(states, None, step)  # what errs is clipped to the grid
-    batch = controller.batch(states_there, step)
-    status, steps = c.steps_to_go(states, step)
+    batch = controller.batch(states_there, step, first=True)
+    status, steps = c.steps_to_go(states, step, first=True)
     assert np.array_equal(status == 0, batch.steps_to_go >= 0)
     assert np.array_equal(steps[status == 0], batch.steps_to_go[status == 0])
-    assert np.array_equal(c.safe_inputs(states, step)[1], batch.safe)
-    status, chosen = c.select(states, step)
+    assert np.array_equal(c.safe_inputs(states, step, first=True)[1], batch.safe)
+    status, chosen = c.select(states, step, first=True)
     assert np.array_equal(np.where(status == 0, chosen, -1), controller.choose(batch))
     if step == table.steps:
         assert (status < 0).all()
@@ -177,8 +177,8 @@ def assert_alike(table, c, states, step):
         wanted = rng.integers(0, len(table.problem.inputs), len(states))
         commands = table.problem.inputs[wanted] + rng.normal(0.0, 0.3, table.problem.inputs[wanted].shape).round(1)
         for what, asked in (("filter", wanted), ("filter_command", commands)):
-            told = controller.filter(states_there, step, asked)
-            status, chosen = c.ask(what, states, step, asked)
+            told = controller.filter(states_there, step, asked, first=True)
+            status, chosen = c.ask(what, states, step, asked, first=True)
             assert np.array_equal(status == 0, told.promised)
             assert np.array_equal(chosen[status == 0], told.inputs[told.promised])
 
@@ -249,10 +249,10 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
             told += int(lost.sum())
         assert np.array_equal(points, seen)
         if wanted is None:
-            ours = controller.choose(controller.batch(seen, at))
+            ours = controller.choose(table.batch(seen, at))
             assert np.array_equal(ours[status == 0], chosen[status == 0]) and not (ours[status < 0] >= 0).any()
         else:
-            answer = controller.filter(seen, at, wanted)
+            answer = controller.filter(seen, at, wanted, first=True)  # which are carried on here
             assert np.array_equal(status == 0, answer.promised)
             assert np.array_equal(answer.inputs[status == 0], chosen[status == 0])
         known, inputs, earlier = seen, chosen, at
@@ -262,6 +262,60 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
         states = np.where(thrown, rng.uniform(low - 0.1, high + 0.1, states.shape), states)
         states += laps * rng.integers(-2, 3, states.shape) * np.where(problem.grid.periodic, high - low, 0.0)
     assert told
+
+
+def test_c_refuses_a_measurement_by_itself(exported):
+    """As Python does: what is proved for one interval is answered, and a first measurement that is said to be one."""
+    c, table = exported("joint, remembering"), solved("joint, remembering")
+    controller, states = sdhj.Controller(table), states_of(table, 200)
+    for what in EVERY:
+        status, found = c.ask(what, states)
+        if what in ("fallback", "clear_inputs"):
+            assert (status == 0).any() and (status != STATUS["NOT_CARRIED"]).all()
+            continue
+        assert (status == STATUS["NOT_CARRIED"]).all(), what
+        if what in ("select", "filter", "filter_command"):
+            assert (found == controller.problem.inputs[:, 0].tolist().index(0.0)).all()  # the braking one
+        assert (c.ask(what, states, first=True)[0] == 0).any() and c.selftest() == 0
+    for ask in (lambda: controller.batch(states), lambda: controller.filter(states, 0, np.zeros(200, int))):
+        with pytest.raises(ValueError, match="a prediction by itself"):
+            ask()
+    for what in EVERY:  # nobody remembers
+        assert (exported("line").ask(what, [[-2.1]])[0] == 0).all()
+
+
+def test_what_the_parts_of_a_loop_say_of_a_first_measurement(exported):
+    """In C a first measurement is that of a memory that is new, and no place is made of counts."""
+    c, table = exported("joint, remembering"), solved("joint, remembering")
+    source = c.folder / "parts.c"
+    source.write_text("""
+#include "sdhj.h"
+#include "sdhj_robot.h"
+#include <stdio.h>
+int main(int argc, char **argv) {
+  static unsigned char bytes[1 << 22]; sdhj_table t; sdhj_memory memory = {0}; sdhj_place place;
+  FILE *file = fopen(argv[argc - 1], "rb");
+  size_t size = fread(bytes, 1, sizeof bytes, file);
+  const double q[2] = {0.3, 0.1};
+  const uint32_t cell[2] = {50, 50};
+  uint32_t input, again;
+  int told[4];
+  fclose(file);
+  if (sdhj_open(&t, bytes, size, sdhj_robot_digest) != SDHJ_OK) return 1;
+  told[0] = (int)sdhj_select(&t, 0, q, &input), told[1] = (int)sdhj_cell(&t, cell, &place);
+  if (sdhj_remember(&t, &memory, q, &place) != SDHJ_OK) return 2;
+  told[2] = (int)sdhj_select_at(&t, 0, &place, &input);
+  memset(&memory, 0, sizeof memory);
+  told[3] = (int)sdhj_step(&t, &memory, 0, q, &again);
+  printf("%d %d %d %u %d %u", told[0], told[1], told[2], (unsigned)input, told[3], (unsigned)again);
+  return 0;
+}
+""")
+    program = c.folder / "parts"
+    subprocess.run(["gcc", "-std=c99", *STRICT, f"-I{c.folder}", str(source), "-o", str(program)], check=True)
+    told = subprocess.run([str(program), str(c.folder / "sdhj_table.bin")], capture_output=True, check=True).stdout
+    chosen = sdhj.Controller(table).select([0.3, 0.1], first=True)
+    assert told.split() == [b"-9", b"-9", b"0", b"%d" % chosen, b"0", b"%d" % chosen]
 
 
 @pytest.mark.slow

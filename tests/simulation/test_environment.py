@@ -155,10 +155,10 @@ def test_the_point_is_carried_on() -> None:
     for seed in range(4):
         observation, info = env.reset(seed=seed)
         while not info["outcome"]:
-            told = controller.filter(np.tile(observation[:-1], (5, 1)), int(observation[-1]), np.arange(5))
+            known, now = observation[None, :-1], int(observation[-1])
+            told = controller.filter(np.repeat(known, 5, axis=0), now, np.arange(5), first=True)  # carried by `env`
             assert told.promised.all() and np.array_equal(info["action_mask"] == 1, ~told.changed)
             action = int(np.flatnonzero(info["action_mask"])[-1])
-            known, now = observation[None, :-1], int(observation[-1])
             low, high, _ = table.bounds_of_next_points(known, np.array([action]), 0)
             observation, *_, info = env.step(np.int64(action))
             assert ((low <= observation[:-1] + 1e-12) & (observation[:-1] <= high + 1e-12)).all()
