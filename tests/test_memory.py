@@ -125,6 +125,13 @@ def test_runs_remember(fast, adversary):
     assert report.rate("reached") == 1.0
 
 
+def test_a_run_begins_with_a_first_measurement(fast):
+    run = sdhj.simulate(sdhj.Controller(fast), [0.5, 0.3], adversary="worst", seed=3, steps=20)
+    assert run.outcome == "reached" and len(run.inputs) == 20  # it has stayed clear so long
+    with pytest.raises(sdhj.NotAdmissible):
+        sdhj.simulate(sdhj.Controller(fast), [0.99, 1.9], adversary="worst", steps=20)
+
+
 def test_a_file_says_so(fast, tmp_path):
     fast.save(tmp_path / "table.npz")
     again = sdhj.load(tmp_path / "table.npz")

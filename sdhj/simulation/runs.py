@@ -255,7 +255,7 @@ def simulate(
     check_controller(controller)
     play, seed = adversary_of(adversary), whole("seed", seed, least=0)
     start = finite_array("q0", q0)
-    controller.safe_inputs(start, 0)  # raises NotAdmissible
+    controller.safe_inputs(start, 0, first=True)  # raises NotAdmissible
     seen: list[tuple[float, FloatArray, FloatArray]] = []
     applied: list[tuple[int, int]] = []
     began: list[float] = []
