@@ -109,6 +109,7 @@ def line_problem(**changes) -> sdhj.ReachAvoidProblem:
     )
 
 
+@pytest.mark.slow
 def test_bounds_are_those_of_uniform_spacings() -> None:
     """Of uniform peaks the bound is exceeded with probability 1 - confidence exactly, whatever their number."""
     rng, line = np.random.default_rng(5), line_problem()

@@ -81,7 +81,7 @@ def test_export_and_its_proof(folder):
         (["solve", "{robot}:problems", "-o", "x.npz"], "there is no problems in it"),
         (["solve", "{robot}", "-o", "x.npz"], "must be module:name or file.py:name"),
         (["solve", "{robot}:inputs", "-o", "x.npz"], "failed"),
-        (["solve", "{robot}:problem", "--seconds", "3", "-o", "x.npz"], "--seconds needs --method certified"),
+        (["solve", "{robot}:problem", "--method", "hji", "--seconds", "3", "-o", "x.npz"], "--seconds"),
         (["new", "{robot}"], "exists"),
         (["new", "robot.txt"], "Python file"),
     ],

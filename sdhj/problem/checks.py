@@ -248,7 +248,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
         raise ValueError(f"{expected}; this one does not say what it takes: wrap it in a lambda") from None
-    if name in ("drift", "gain") and "v" in signature.parameters:
+    if name in ("drift", "gain") and "v" in list(signature.parameters)[1:]:
         raise ValueError(
             f"{name} does not take the disturbance v, got {signature}: give velocity=f(q, u, v), with bounds for v, in "
             "place of drift and gain; or leave v out, and gain= and bounds= say how it moves the state"

@@ -55,6 +55,7 @@ def judged(controller, states, rng, steps):
             assert ((q > [0.2, 320]) & (q < [0.9, 380])).all()
 
 
+@pytest.mark.slow
 def test_a_reactor_is_proved_though_its_rate_grows_fast(tmp_path):
     """Of 2 parts nothing follows; a fifth of the states is proved, verified, and nobody is lost by the judge."""
     table = sdhj.solve(reactor(), sdhj.Certified(cells=(90, 140), parts=2), progress=False, play=False)

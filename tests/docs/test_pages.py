@@ -223,6 +223,7 @@ def followed(controller: Any, q: Any, until: Any, rng: np.random.Generator) -> n
     return np.array(path)
 
 
+@pytest.mark.slow
 def test_a_robot_in_the_mask_gets_out_and_on(recipes: dict[str, Any], rng: np.random.Generator) -> None:
     """The mask is the square from (0.6, 0.4) to (1.4, 1.2) m; none of the states on the way on is as near as 0.15 m."""
     obeying, leaving, inside = recipes["obeying"], recipes["leaving"], recipes["inside"]

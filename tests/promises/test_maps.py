@@ -3,7 +3,6 @@
 import io
 import math
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -466,9 +465,9 @@ def test_a_store_keeps_its_maps_as_arrays(tmp_path: Path) -> None:
     table = sdhj.solve(yard(UnsafeSet.from_map(blocked, resolution=0.04)), store=tmp_path / "a", progress=False)
     q = np.random.default_rng(0).uniform(0, 4, (300, 2))
     np.testing.assert_array_equal(sdhj.load(tmp_path / "a").contains(q), table.contains(q))
-    assert (tmp_path / "a" / "head").stat().st_size < 20_000
-    shutil.rmtree(tmp_path / "a" / "tables")
-    with pytest.raises(sdhj.TableFileError, match=r"a was changed after it was written"):
+    assert (tmp_path / "a" / "problem.json").stat().st_size < 20_000
+    (tmp_path / "a" / "tables.0.npy").unlink()
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
         sdhj.load(tmp_path / "a")
 
 

@@ -149,6 +149,7 @@ def test_300_runs_of_the_certified_case_are_won() -> None:
         assert len(film.times) == 1 + steps * 10 + 1 and film.times[-1] == pytest.approx(steps * 0.1 + PIECE)
 
 
+@pytest.mark.slow
 def test_the_adversary_keeps_to_its_bounds_and_uses_them() -> None:
     played = play(table(), evidence().motors, 60, seed=2, progress=False)
     speeds = [np.abs(np.diff(one.states[:, 2:], axis=0)).max() / PIECE for one in played.films if len(one.times) > 5]
@@ -172,6 +173,7 @@ def test_controls_lose_and_their_reasons_explain_it() -> None:
     assert half.played.exceeded > 0 and half.share > table().fraction(start=0, within=8)
 
 
+@pytest.mark.slow
 def test_a_table_without_sensing_stays_without_an_answer() -> None:
     """Control (a) at its least: it is told where it will be, but not that it will be elsewhere."""
     blind = certified(grown(2.0, evidence().error, replace(SENSING, error=0.0, delay=0.0)), (63, 63, 24, 24))
