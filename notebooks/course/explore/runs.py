@@ -25,8 +25,9 @@ def explore_run(
     *,
     adversaries: Sequence[str] = ("none", "random", "aggressive", "worst"),
     rules: Sequence[str] | Mapping[str, Any] = ("deepest",),
+    progress: int = 60,
 ) -> Explorer:
-    """Play and step through a run from one of `states` against an adversary of your choice; rules by their names."""
+    """Play and step through a run from one of `states`, at first at so many % of it; rules by their names."""
     given = dict(rules) if isinstance(rules, Mapping) else {rule: rule for rule in rules}
     controllers = {name: sdhj.Controller(table, rule=rule) for name, rule in given.items()}
 
@@ -55,7 +56,7 @@ def explore_run(
         "adversary": choice("adversary", adversaries, adversaries[-1]),
         "rule": choice("rule", tuple(given), next(iter(given))),
         "seed": slider("seed, where it is random", 0, 9, 1, 0),
-        "moment": played(slider("progress of the run (%)", 0, 100, 5, 60)),
+        "moment": played(slider("progress of the run (%)", 0, 100, 5, progress)),
     }
 
     def idle(adversary: str, **_: Any) -> tuple[str, ...]:
