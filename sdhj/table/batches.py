@@ -140,7 +140,7 @@ class Table(ReadOnly):
 
     def with_details(self, details: Mapping[str, Any]) -> Self:
         """The same table with other details; what look-ups have kept so far is shared with it."""
-        out = replace(self, details=Sealed(details))
+        out = replace(self, details=Sealed(details))  # type: ignore[type-var]  # each kind of table is a dataclass
         vars(out).update(vars(self) | vars(out))
         return out
 
