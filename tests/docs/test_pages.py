@@ -254,6 +254,7 @@ def test_a_fence_holds_the_robot_and_the_pond_keeps_it_out(recipes: dict[str, An
     assert proved.fraction() > 0.8 * table.fraction()
 
 
+@pytest.mark.slow
 def test_the_picture_shows_a_run_that_arrives(recipes: dict[str, Any]) -> None:
     drawn = [line for line in recipes["ax"].lines if line.get_gid() == "path"]
     assert drawn and drawn[0].get_xdata()[0] == 0.7 and recipes["run"].outcome == "reached"
