@@ -68,6 +68,7 @@ def test_a_number_of_steps_where_a_set_does_not_settle(monkeypatch):
 
 
 @pytest.mark.parametrize("make", [unicycle_problem, torus_problem])
+@pytest.mark.slow
 def test_a_certified_table_where_runs_are_lost(make):
     """The advice that every table on a grid gives: a table of cells loses none."""
     problem = make()

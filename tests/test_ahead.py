@@ -156,6 +156,7 @@ def states_of(problem: ReachAvoidProblem, count: int, rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.slow
 def test_boxes_are_those_of_the_slow_twin(name: str, rng: np.random.Generator) -> None:
     """Anywhere, on nodes, on walls and whole turns away; and of some rows alone."""
     problem = PROBLEMS[name]()

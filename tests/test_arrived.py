@@ -127,6 +127,7 @@ def test_runs_that_arrive_are_told_so_by_every_answer():
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
 @pytest.mark.parametrize("pace", [0.0, PACE])
+@pytest.mark.slow
 def test_c_says_so(tmp_path, pace):
     table = solved(pace)
     c, controller = sdhj.export_c(table, tmp_path, progress=False), sdhj.Controller(table)

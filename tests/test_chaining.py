@@ -137,6 +137,7 @@ def leg(place, **changed):
     )
 
 
+@pytest.mark.slow
 def test_no_run_of_two_certified_legs_is_lost(rng):
     method = sdhj.Certified(cells=(100, 60), parts=4)
     first = sdhj.solve(leg(0), method, progress=False)

@@ -763,6 +763,7 @@ def bent_problem(name):
 
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=(80, 80))], ids=["hji", "certified"])
 @pytest.mark.parametrize("name", but_slow(BENT, "product"))
+@pytest.mark.slow
 def test_no_run_is_lost_to_a_disturbance_that_enters_as_it_likes(name, method, rng):
     """Plant and adversaries of the test's own: anywhere in its box or at corners, switching within the step."""
     table = sdhj.solve(bent_problem(name), method, progress=False)

@@ -57,6 +57,7 @@ def measured(states, rng):
     return states + rng.choice([-1.0, 0.3, 1.0], states.shape) * ERROR
 
 
+@pytest.mark.slow
 def test_sampling_faster_costs_nothing_any_more(fast):
     assert fast.fraction() > 0.82  # 0.827; of the truth, shrunk by 2 E, 0.905
     with pytest.warns(ResolutionWarning, match="an input changes"):
@@ -66,6 +67,7 @@ def test_sampling_faster_costs_nothing_any_more(fast):
 
 
 @pytest.mark.parametrize("delta", [0.1, 0.01])
+@pytest.mark.slow
 def test_nobody_who_remembers_is_lost(delta, fast):
     """Pushed towards the stop through the filter, and by the rule, with errors at their most: the promise holds."""
     table, rng = fast if delta == 0.01 else solved(delta), np.random.default_rng(0)
@@ -110,6 +112,7 @@ def test_step_is_the_loop(fast):
 
 
 @pytest.mark.parametrize(("sensing", "share"), [({"delay": 0.008}, 0.855), ({"delay": 0.005, "jitter": 0.001}, 0.833)])
+@pytest.mark.slow
 def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
     table = solved(0.01, cells=(1000, 400), **sensing)
     assert table.fraction() > share
@@ -120,6 +123,7 @@ def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
 
 
 @pytest.mark.parametrize("adversary", ["worst", "greedy", "random"])
+@pytest.mark.slow
 def test_runs_remember(fast, adversary):
     report = sdhj.monte_carlo(sdhj.Controller(fast), 40, adversary=adversary, seed=1, steps=100, progress=False)
     assert report.rate("reached") == 1.0
@@ -160,6 +164,7 @@ def test_memory_is_true_or_false():
 
 
 @pytest.mark.parametrize("rate", [10, 50])
+@pytest.mark.slow
 def test_grids_remember_too(rate):
     """By the boxes that E and the disturbance make of a point; own play of 3 s."""
     delta, rng = 1 / rate, np.random.default_rng(3)

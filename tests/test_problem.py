@@ -26,6 +26,7 @@ from sdhj import (
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
+@pytest.mark.slow
 def test_interpolation_equals_the_slow_twin(seed, ndim):
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(5, 8, size=ndim).tolist())

@@ -61,6 +61,7 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("given", "a bett
 
 
 @pytest.mark.parametrize("told", ["nothing to tell", "a record at rest", *SLOW])
+@pytest.mark.slow
 def test_hidden_wind_and_slip_lie_within_what_is_found(told) -> None:
     rng, within, seen = np.random.default_rng(3), 0, 0
     for _ in range(DRAWS):

@@ -32,6 +32,7 @@ def test_values_and_contains_agree_and_tubes_grow(table):
     assert np.array_equal(table.values(start=0, within=9), table.values(start=0, within=3))
 
 
+@pytest.mark.slow
 def test_inputs_lead_from_every_certified_node(table):
     newly = (table.values(start=0, within=2) <= 0) & (table.values(start=0, within=1) > 0)
     assert newly.any()

@@ -1,11 +1,13 @@
 """A filter of one state and one command, which has a way of its own, against the filter of many."""
 
 import numpy as np
+import pytest
 import toys
 
 import sdhj
 
 
+@pytest.mark.slow
 def test_one_command_is_answered_as_among_many():
     table = sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(30, 30, 38)), progress=False, play=False)
     controller, rng = sdhj.Controller(table), np.random.default_rng(0)

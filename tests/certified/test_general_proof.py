@@ -331,6 +331,7 @@ def test_images_are_inside_as_plain_loops_say(rng):
     assert 50 < sum(found) < 250
 
 
+@pytest.mark.slow
 def test_a_push_along_several_axes_counts_as_its_box():
     """Of one component as of one for each axis; and where it enters nonlinearly, by all of its range."""
     ways = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])

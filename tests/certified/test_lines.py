@@ -47,6 +47,7 @@ def test_lines_of_cells_are_answered_as_each_cell_alone(periodic, end):
     assert asked > 1000
 
 
+@pytest.mark.slow
 def test_pieces_hold_each_cell_once_and_in_the_blocks_of_the_file():
     table = sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(20, 20, 20)), progress=False, play=False)
     for most in (1 << 20, 3000, 10):

@@ -42,6 +42,7 @@ def cells_touched(points, radius, growth, agent):
     return naive.unpacked(block[None], (agent.nx, agent.ny))[0]
 
 
+@pytest.mark.slow
 def test_pursuer_is_met_wherever_it_can_meet(rng):
     """The cells that touch a thick hull are those whose distance to it says so, for hulls of any kind of points."""
     for trial in range(120):

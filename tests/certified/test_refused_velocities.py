@@ -36,6 +36,7 @@ CELLS = sdhj.Certified(cells=[400], parts=40)
         ),
     ],
 )
+@pytest.mark.slow
 def test_where_nothing_can_be_proved_is_named_and_the_advice_helps(velocity, says, limited):
     with pytest.raises(ValueError, match=says):
         sdhj.solve(line(velocity), CELLS, play=False)

@@ -66,6 +66,7 @@ def test_sets_survive_a_file(small, tmp_path, rng):
         )
 
 
+@pytest.mark.slow
 def test_a_case_study_that_was_changed_is_proved_as_any_robot(rng):
     """The arm's own proof would be of what the recipe says: with a target, without the set added here."""
     arm = sdhj.arm_case_study(**SMALL)

@@ -205,6 +205,7 @@ def test_who_ignores_time_proves_what_is_not_so(rng):
     assert (naive.steps_to_go(table, np.clip(states, -3, 3), 1) >= left).sum() > 100
 
 
+@pytest.mark.slow
 def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
     _, table = proved
     table.save(tmp_path / "timed.npz")

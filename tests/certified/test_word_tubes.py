@@ -65,6 +65,7 @@ def _clear(monkeypatch, in_words):
     return proof, np.unpackbits(proof.clear, axis=-1, bitorder="little", count=4).astype(bool)
 
 
+@pytest.mark.slow
 def test_no_state_of_a_clear_cell_is_met(monkeypatch, rng):
     """Of drawn states, at all times of a step, under drawn plays.
 

@@ -301,6 +301,7 @@ def test_the_cart_stays_on_its_rail(recipes: dict[str, Any]) -> None:
     assert braked.promised and braked.overruled and braked.commands.tolist() == [-3.0]
 
 
+@pytest.mark.slow
 def test_the_long_horizon_is_long_enough(recipes: dict[str, Any]) -> None:
     some_time, at_most = recipes["some_time"], recipes["some_time"].steps
     same = sdhj.Certified(cells=some_time.details["cells"])

@@ -123,6 +123,7 @@ def test_rates_have_wilsons_intervals():
         np.testing.assert_allclose(ends, np.tile(100 * np.array(expected), (3, 1)), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_rules_are_drawn_with_their_intervals(compared):
     axs = axes(ncols=3)
     draw_rules(axs, compared)
@@ -167,6 +168,7 @@ def test_the_evader_is_caught_by_the_full_method_and_lost_by_projection():
     assert found.reports["worst"].rate("reached") <= found.reports["random"].rate("reached")
 
 
+@pytest.mark.slow
 def test_nothing_to_simulate_is_an_error():
     hopeless = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1, v_d_max=5.0), progress=False)
     with pytest.raises(ValueError, match="next to nothing but the target"):

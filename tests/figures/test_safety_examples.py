@@ -219,6 +219,7 @@ def test_the_exact_map_is_that_of_the_equation(rng):
         pytest.param(800, 3, "converter, in 3 parts", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_the_converter_is_certified_where_the_exact_map_keeps_it(cells, parts, name):
     """On SCOTS's cells as much is certified as SCOTS has, none of it proved to leave; the page has the shares."""
     table = sdhj.solve(dcdc(), sdhj.Certified(cells=(cells, cells), parts=parts), progress=False)
@@ -250,5 +251,6 @@ def kept(table, count, steps, rng):
 @pytest.mark.parametrize(
     ("cells", "runs", "steps"), [(100, 300, 60), pytest.param(800, 1000, 1000, marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_the_converter_stays_within_its_limits(cells, runs, steps, rng):
     assert (kept(converter(cells), runs, steps, rng) == "late").all()

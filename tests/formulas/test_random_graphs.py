@@ -68,6 +68,7 @@ def check_graphs(seeds):
     assert (compared > len(seeds) * np.array([1000, 400])).all(), compared
 
 
+@pytest.mark.slow
 def test_all_that_reads_a_graph_says_the_same():
     check_graphs(range(150))
 

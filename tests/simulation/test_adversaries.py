@@ -222,6 +222,7 @@ def test_worst_takes_the_least_clearance_where_the_tube_tells_nothing() -> None:
     assert felt.mean() > 0.9 and len(np.unique(v, axis=0)) >= 3
 
 
+@pytest.mark.slow
 def test_worst_may_switch_within_an_interval() -> None:
     controller = Controller(toys.arm_table())
     starts = admissible_states(controller, 40, np.random.default_rng(5))

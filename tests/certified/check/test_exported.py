@@ -92,6 +92,7 @@ def test_the_verdict_has_the_claims_of_both(tmp_path):
 
 @pytest.mark.parametrize("only", [FIELDS, ("select",), ("steps", "clear"), ("filter",)], ids="+".join)
 @pytest.mark.parametrize("rule", ["deepest", "effort"])
+@pytest.mark.slow
 def test_what_is_exported_is_proved(tmp_path, only, rule):
     assert failed(robot(), packed_table(robot(), only, rule, 0, False), tmp_path) == set()
 

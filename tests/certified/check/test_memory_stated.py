@@ -43,6 +43,7 @@ ROBOTS = {
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux tells a process its peak")
 @pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.slow
 def test_a_check_takes_what_it_states(robot, tmp_path):
     dynamics, delta, cells = ROBOTS[robot]
     problem = sdhj.ReachAvoidProblem(

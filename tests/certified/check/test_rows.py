@@ -16,6 +16,7 @@ from sdhj.certified.check.arm.claims import Scene
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 
 
+@pytest.mark.slow
 def test_half_planes_prove_what_is_clear(arm_world, rng):
     """The cells that `sweep` keeps are clear in samples, and are most of those that are proved one by one."""
     edges = [np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), np.linspace(-0.36, 0.36, 25), np.linspace(-0.36, 0.36, 31)]
@@ -138,6 +139,7 @@ class Twin:
 
 
 @pytest.mark.parametrize("evader", [False, True])
+@pytest.mark.slow
 def test_nothing_that_samples_refute_is_proved(evader, rng):
     """A row's claims about random sets: where samples refute a cell it is not proved, and few others are left."""
     twin = Twin(evader, rng)

@@ -78,6 +78,7 @@ def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
 
 
 @pytest.mark.parametrize("kinematics", ["relative", "printed"])
+@pytest.mark.slow
 def test_what_is_proved_clear_is_clear(kinematics, arm_world, rng):
     """And what is not proved nearly touches."""
     world = arm_world(kinematics=kinematics, u_max=3.0, v_d_max=0.4, delta=0.1)

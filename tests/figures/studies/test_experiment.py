@@ -183,6 +183,7 @@ def test_a_table_without_sensing_stays_without_an_answer() -> None:
     assert play(blind, evidence().motors, 200, **told, sensing=sdhj.Sensing(rest=REST)).lost == 0
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_table_and_a_film_strip(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(experiment, "identify", lambda *_, **__: evidence())
     monkeypatch.setattr(experiment, "certified", lambda *_: table())
@@ -195,6 +196,7 @@ def test_the_command_writes_a_table_and_a_film_strip(tmp_path, monkeypatch) -> N
     assert (tmp_path / "experiment_strip.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_without_mujoco_one_line_says_what_to_install() -> None:
     code = "import sys; sys.modules['mujoco'] = None; from experiment import main; main(['any'])"
     done = subprocess.run([sys.executable, "-c", code], cwd=FIGURES, capture_output=True, text=True)

@@ -14,6 +14,7 @@ from sdhj.table.batches import Table
 NUMBERS = Path(__file__).parents[3] / "notebooks" / "site" / "numbers.md"
 
 
+@pytest.mark.slow
 def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:
     """Against the nearest of many points of all walls."""
     lattice = [np.stack(np.meshgrid(np.linspace(*w[:2], 9), np.linspace(*w[2:], 401)), axis=-1) for w in WALLS]

@@ -94,6 +94,7 @@ def test_the_pursuer_stops_at_the_wall() -> None:
     np.testing.assert_allclose(world.state, [0.1, 0.8, 0.36, -0.36], rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_a_planted_collision_is_seen() -> None:
     """The table does not know of a disk in the way of the tip; MuJoCo does."""
     _, run = longest_run()

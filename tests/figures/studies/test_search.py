@@ -47,6 +47,7 @@ def planted(radius: float) -> Controller:
     return Controller(replace(table, problem=replace(table.problem, unsafe=(*table.problem.unsafe, needle))))
 
 
+@pytest.mark.slow
 def test_a_needle_that_random_play_misses_is_found() -> None:
     """Two intervals spread the robot over 0.32 x 0.32; the needle is a disk of radius 0.002 in it, so a random run
     hits it with a chance of at most 4 * 0.002^2 pi / 0.32^2 = 5e-4 (a sum of two uniform variables is twice as dense
@@ -90,6 +91,7 @@ def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
     assert report.lost.sum() >= 10 and report.lost.sum() > 1.5 * max(failed.values()) and report.lost.sum() > 1.5 * luck
 
 
+@pytest.mark.slow
 def test_plans_keep_to_the_box_and_reproduce_what_they_did() -> None:
     controller = planted(0.02)
     report = search_losing(controller, 60, population=12, generations=3, switches=2, seed=5, progress=False)
@@ -99,6 +101,7 @@ def test_plans_keep_to_the_box_and_reproduce_what_they_did() -> None:
     assert report.lost.any() and not report.lost.all()
 
 
+@pytest.mark.slow
 def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     controller = planted(0.02)
     monkeypatch.setattr(search, "CHUNK", 32)

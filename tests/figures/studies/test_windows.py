@@ -7,6 +7,7 @@ from windows import LOST, SIGNS, Game, cut, shares
 
 
 @pytest.mark.parametrize("dropped", [pytest.param(0, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
 def test_no_end_is_worse_than_the_game_of_a_window(dropped: int, rng: np.random.Generator) -> None:
     """From a node, wherever in the window the dropped velocity is, whatever the gust is, held over the interval."""
     problem = space(9)
