@@ -221,7 +221,7 @@ def _field(
 
     parts : (count, leading..., *grid.shape); or (count, leading...) for functions that are constant, of which the
         result has one plane of nodes, which kernels read for all planes.
-    leading : how many axes stand between `count` and those of the grid.
+    leading : how many axes stand between the first axis and those of the grid.
     dtype : of the result.
     """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])

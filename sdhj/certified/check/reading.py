@@ -202,7 +202,7 @@ class Sensing:
 
 
 class Sets:
-    """The cells of each axis, and the certified sets, as a file states them; base of `Arm` and `Robot`.
+    """The cells of each axis, and the certified sets, as a file states them; base of `Arm`.
 
     A row is a cell of the first axes; each set has a block for each row, whose bits are the cells of the other axes.
 
