@@ -103,7 +103,8 @@ def seconds_of_a_thread(problem: ReachAvoidProblem, method: Method) -> float:
     numba.set_num_threads(1)
     try:
         began = time.process_time()
-        sets = method.sets(problem, progress=False)  # constraints and avoid tubes
+        sets = method.sets(problem, progress=False)
+        sets.begin()  # avoid tubes
         for step in range(problem.steps + 1):
             sets.write_goal(step)
         ready, spent = time.process_time(), [time.process_time()]
