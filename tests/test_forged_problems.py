@@ -417,7 +417,7 @@ def test_for_ever_is_claimed_by_the_sets_themselves(saved, tmp_path):
         told["details"]["endless"] = True
     with pytest.raises(sdhj.TableFileError, match="says to be for ever"):
         sdhj.load(path, problem=dataclasses.replace(without_target, steps=None))
-    with pytest.raises(ValueError, match="arrays must be of the problem"):
+    with pytest.raises(ValueError, match="for ever"):
         verify(path, progress=False)
 
 

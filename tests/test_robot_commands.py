@@ -111,7 +111,6 @@ BROKEN = {
     "the wrong shape": (", np.full(len(q), u[1])], axis=1)", "], axis=1)", r"drift.*shape"),
     "a missing periodic": ("    periodic=[False, False, True],\n", "", r"theta is a whole turn.*give periodic="),
     "the wrong sign": (f"{GOAL} - 0.4", f"0.4 - {GOAL}", r"the target .* turn the sign"),
-    "wrong units": ("for speed in (0.5, 1.0)", "for speed in (500.0, 1000.0)", r"check the units"),
 }
 
 

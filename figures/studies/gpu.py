@@ -261,7 +261,7 @@ class Game:
         formula, interval, pieces = self.games.formula, self.problem.interval(0), self.games.formula.pieces(list(axes))
         out = self._room("avoid", len(axes), self.count * sets * self.grid.subgrid(axes).size)
         for piece in range(pieces):
-            (low, high, halves), _ = formula._displacement_sets_in_piece(interval, list(axes), piece, pieces)
+            low, high, halves = formula._displacement_sets_in_piece(interval, list(axes), piece, pieces)
             assert not halves.any()  # no component of v moves several axes
             (leaves, axis), found = self._most(values, sets, axes, low, high)
             self._maxima(self._split(out, self.count, sets, axes, axis), found, leaves, piece > 0)

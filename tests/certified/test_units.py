@@ -138,7 +138,7 @@ ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solv
     "plane": (plane, 2, [44, 44], True),
     "turning": (turning, 2, [32, 32], True),
     "car": (car, 3, [16, 16, 12], True),
-    "cart": (cart, 2, [40, 40], True),
+    "cart": (cart, 2, [40, 40], False),
     "tide": (tide, 1, [120], True),
     "sensed": (lambda units: plane(units, sensing=shaky), 2, [60, 60], False),
     "staying": (lambda units: plane(units, has_no_target=True), 2, [40, 40], False),

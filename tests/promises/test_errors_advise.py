@@ -804,6 +804,7 @@ def test_advice_of_an_error_is_followed_once(name, tmp_path):
 
 
 ELSEWHERE = {
+    "counts on a controller that remembers": "test_memory",
     r"(solve it|export it) anew|solve the problem again": "as of a damaged file, above",
     r"solve with resume=True|solve it anew with resume=True|choose another name": "solver/test_entries",
     r"make room|free some space|save it elsewhere": "test_lost_work: a disk that is full",

@@ -178,7 +178,7 @@ def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them(monkeypatch):
     run_plainly(monkeypatch)
     problem = chained_problem((7, 6, 5, 5))
     games, steps = HJIGames(problem, Scheme(dtype="float64")), 8
-    games.counted = {(0, 1): [steps], (0, 1, 2, 3): [steps]}
+    monkeypatch.setattr(HJIGames, "steps", lambda self, axes, step: steps)
     small = games.avoid(problem.unsafe[0], 0)
     assert small.shape == (2, 7, 6)
     wall = ObstacleFunction.of(problem, problem.unsafe[0], (0, 1, 2, 3))
