@@ -127,9 +127,13 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
         return inputs[given], given
     if given.shape != (count, inputs.shape[1]):
         size = f"a command of {inputs.shape[1]} number{'s' * (inputs.shape[1] != 1)}, such as {inputs[0].tolist()}"
-        wanted, got = f"the index of an input, from 0 to {len(inputs) - 1}, or {size}", given[0].tolist()
-        if count != 1 or len(given) != 1:
-            got = f"{given.dtype} of shape {given.shape}"
+        wanted, got = (
+            f"the index of an input, from 0 to {len(inputs) - 1}, or {size}",
+            f"{given.dtype} of shape {given.shape}",
+        )
+        if count == 1 and given.dtype.kind != "O" and given.ndim and len(given) == 1:
+            got = given[0].tolist()
+        else:
             wanted += f": for {count} states an array of int of shape ({count},) or one of ({count}, {inputs.shape[1]})"
         raise ValueError(f"wanted must be {wanted}; got {got}")
     return finite_array("wanted", given), None
