@@ -141,7 +141,7 @@ class Table(ReadOnly):
     def with_details(self, details: Mapping[str, Any]) -> Self:
         """The same table with other details; what look-ups have kept so far is shared with it."""
         out = replace(self, details=Sealed(details))  # type: ignore[type-var]  # each kind of table is a dataclass
-        vars(out).update(vars(self) | vars(out))
+        vars(out).update(vars(self) | {"details": out.details})  # where it is mapped from, too
         return out
 
     @cached_property
