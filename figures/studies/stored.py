@@ -9,6 +9,7 @@ cluster, with one thread each, and by one of them: how long both take.
 
 import gc
 import importlib
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import click
 import large
@@ -133,17 +135,16 @@ def solved_once(name: str, nodes: int, method: str) -> str:
 def by_workers(problem: sdhj.ReachAvoidProblem, method: str, workers: int) -> float:
     """Seconds of a solve by so many workers of a Dask cluster, with one thread each, when all have compiled."""
     dask, distributed = map(importlib.import_module, ("dask", "distributed"))
-    # in place of Dask's, which have freed memory given back at once: each array would find its pages anew
-    environment = {"distributed.nanny.pre-spawn-environ": {"NUMBA_NUM_THREADS": 1}}
-    with (
-        TemporaryDirectory() as folder,
-        dask.config.set(environment | {"temporary-directory": folder}),
-        distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        told = {"client": client, "progress": False}
-        sdhj.solve(replace(problem, steps=2), method, store=Path(folder) / "first", **told)
-        return timed(sdhj.solve, problem, method, store=Path(folder) / "table", **told)[0]
+    # Dask's own settings have freed memory given back at once: each array would find its pages anew.
+    settings = {"distributed.nanny.pre-spawn-environ": {}}
+    with TemporaryDirectory() as folder, dask.config.set(settings | {"temporary-directory": folder}):
+        # For the workers alone: Numba refuses another number of threads where its own have started.
+        with patch.dict(os.environ, NUMBA_NUM_THREADS="1"):
+            cluster = distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        with cluster, distributed.Client(cluster) as client:
+            told = {"client": client, "progress": False}
+            sdhj.solve(replace(problem, steps=2), method, store=Path(folder) / "first", **told)
+            return timed(sdhj.solve, problem, method, store=Path(folder) / "table", **told)[0]
 
 
 def shared_out(name: str, nodes: int, method: str, workers: int, repeats: int) -> str:
