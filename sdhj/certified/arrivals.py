@@ -90,7 +90,7 @@ class Arrivals:
         last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the interval's end.
         free : those of the target's axes that no place depends on; along these every cell is asked about.
         """
-        proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.8
+        proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)
         own, near = proof.cells_at(places), self._near(step)
         sides = [
             tuple(self._along(axis, own, ends[start, j, places, axis].astype(np.int64), free) for axis in target.axes)
@@ -102,9 +102,9 @@ class Arrivals:
         cells[:, free] = np.stack(found[1:], axis=1) if free else cells[:, free]
         low, high = np.empty((2, len(cells), len(target.axes)))
         for column, axis in enumerate(target.axes):
-            edges, more = proof.axes[axis].edges(), 2 * proof.shell[axis]  # obligation 9.9
-            low[:, column] = edges[cells[:, axis]] + last[found[0], axis, 0] - more  # obligation 9.10
-            high[:, column] = edges[cells[:, axis] + 1] + last[found[0], axis, 1] + more  # obligation 9.11
+            edges, more = proof.axes[axis].edges(), 2 * proof.shell[axis]
+            low[:, column] = edges[cells[:, axis]] + last[found[0], axis, 0] - more
+            high[:, column] = edges[cells[:, axis] + 1] + last[found[0], axis, 1] + more
         inside = proof.bounds.inside(target, low, high, (t, t), HALVINGS, self.most)
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 

@@ -43,7 +43,6 @@ class Bounds:
         that is on the grid counts.
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
-        # obligation 2.22
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1)))
 
     def fastest(
@@ -100,7 +99,6 @@ class Bounds:
         """
         level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
-        # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in last], np.int8)
         for at, lower, upper in _boxes_in_batches(np.arange(out.size), [ends[::side] for ends in low], last):
@@ -131,7 +129,7 @@ class Bounds:
         asked : bool of that shape, the boxes that are asked about; False is returned for all others.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
-        for one in part.level_set.operands_of_min:  # obligation 4.48
+        for one in part.level_set.operands_of_min:
             out &= self.signs(part, low, high, times, halvings, out, one) > 0
         return out
 
@@ -156,7 +154,7 @@ class Bounds:
             middle = (low + high) / 2
             above = self.bounds_of_level_set(part, middle, middle, *times)[0] > 0.0
             out[box[above]] = False  # at once, without cutting
-            above = self.bounds_of_level_set(part, low, high, *times)[1] > 0.0  # obligation 9.12
+            above = self.bounds_of_level_set(part, low, high, *times)[1] > 0.0
             left = np.flatnonzero(out[box] & above)
             if not turn:  # most that stick out do so at a corner, which pieces would find late
                 some = self._sticking_out(part, low[left], high[left], times)
@@ -167,9 +165,9 @@ class Bounds:
             for axis in range(low.shape[1]):
                 beyond, short = low.copy(), high.copy()
                 beyond[:, axis] = short[:, axis] = middle[:, axis]
-                low, high = np.concatenate([low, beyond]), np.concatenate([short, high])  # obligation 9.13
+                low, high = np.concatenate([low, beyond]), np.concatenate([short, high])
                 box, middle = np.tile(box, 2), np.concatenate([middle, middle])
-        out[box] = False  # obligation 9.14
+        out[box] = False
         return out
 
     def _sticking_out(
@@ -213,7 +211,7 @@ def _sign_by_halving(
             low, high, box = np.concatenate([low, low]), np.concatenate([high, high]), np.tile(box, 2)
             low[middle.size :, axis] = high[: middle.size, axis] = middle
     known = np.ones(above.size, np.bool_)
-    known[box] = False  # obligation 9.2
+    known[box] = False
     return known * (above.astype(np.int8) - below)
 
 
@@ -260,7 +258,7 @@ def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArr
         found: Any = [np.asarray(end) for end in bounded(*cut[:, :count])]
         if count > size:
             first = np.flatnonzero(np.diff(rows[:count], prepend=-1))
-            found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)  # obligation 4.37
+            found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)
         out = out if begin else np.empty((2, len(low), *found[0].shape[1:]))
         out[0, begin : begin + size], out[1, begin : begin + size] = found
     return out

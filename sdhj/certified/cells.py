@@ -92,7 +92,7 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
     """The least and the greatest that the period upper - lower may be; equal where both ends are short decimals."""
     period = as_fraction(upper) - as_fraction(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
-    doubt = Fraction(0) if short else period / 2**49  # obligation 1.4
+    doubt = Fraction(0) if short else period / 2**49
     return period - doubt, period + doubt
 
 
@@ -163,7 +163,7 @@ class CellAxis:
             On a bounded axis it is clipped to the first and the last cell.
         """
         cell = np.arange(self.count)
-        first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))  # obligation 2.23
+        first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))
         if not self.periodic:
             first, last = (np.clip(end, 0, self.count - 1) for end in (first, last))
         return first % self.count, np.minimum(last - first + 1, self.count)
@@ -183,14 +183,13 @@ class CellAxis:
         width, drift = float(self.width), DRIFT * self.scale
         if any(self.layers):
             return self._moved_to_walls(cell, low + drift, high - drift)
-        if not known or not self.periodic:  # obligation 2.20
-            first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)  # obligation 2.19
+        if not known or not self.periodic:
+            first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
             return _counted(first), _counted(np.maximum(last, first))
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
         begin, end = edges[cell] + low + drift, edges[cell + 1] + high - drift
         laps = np.floor(begin / length), np.floor(end / length)
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
-        # obligation 2.24
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
@@ -207,12 +206,12 @@ class CellAxis:
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
         begin, end = edges[cell] + low, edges[cell + 1] + high
-        a, b = np.floor(begin / width) + lower, np.ceil(end / width) - 1 + lower  # obligation 2.3
+        a, b = np.floor(begin / width) + lower, np.ceil(end / width) - 1 + lower
         b = np.maximum(a, b)
         if lower:
-            a, b = (np.where(end <= 0.0, 0, np.maximum(one, 1)) for one in (a, b))  # obligation 2.1
+            a, b = (np.where(end <= 0.0, 0, np.maximum(one, 1)) for one in (a, b))
         if upper:
-            a, b = (np.where(begin >= length, last, np.minimum(one, last - 1)) for one in (a, b))  # obligation 2.2
+            a, b = (np.where(begin >= length, last, np.minimum(one, last - 1)) for one in (a, b))
         return _counted(a - cell), _counted(b - cell)
 
 
@@ -252,7 +251,6 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     measurements err or come late, and the controller does not remember.
     """
     known = (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any()
-    # obligation 1.3
     lower, upper = (int(known and holds) for holds in problem.grid.ends_where("holds")[:, axis])
     return lower, upper
 
@@ -351,7 +349,7 @@ def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
         return Fraction(0)
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
     error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
-    return as_rounded_fraction(error) + as_rounded_fraction(sensing.delay) * (fast - slow) / 2  # obligation 10.1
+    return as_rounded_fraction(error) + as_rounded_fraction(sensing.delay) * (fast - slow) / 2
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
@@ -364,7 +362,7 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * prediction_error_along(problem, axis)
     late = 2 * as_rounded_fraction(problem.sensing.jitter)
-    spans = as_rounded_fraction(problem.delta) - late, as_rounded_fraction(problem.delta) + late  # obligation 10.8
+    spans = as_rounded_fraction(problem.delta) - late, as_rounded_fraction(problem.delta) + late
     return min(slow * span for span in spans) - off, max(fast * span for span in spans) + off
 
 

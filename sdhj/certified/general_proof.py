@@ -54,7 +54,6 @@ from sdhj.table.container import Contents
 from sdhj.table.files import read_array
 
 NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick out of the boxes that it is looked up in
-# obligation 4.4
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding, some 1e-15
 
 
@@ -87,17 +86,17 @@ def lattice_of(
     pitch, sizes = own.width / fine, own.counts * fine
     sway = np.where(sway[list(unsafe_set.axes)] < pitch, sway[list(unsafe_set.axes)], 0.0)
     scale = np.array([axes[axis].scale for axis in unsafe_set.axes])
-    wider = sway + MARGIN_OF_BOXES * scale  # obligation 4.3
+    wider = sway + MARGIN_OF_BOXES * scale
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
-    high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
-    some = [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
-    some += [np.any(some, axis=0)] if len(some) > 1 else []  # obligation 4.25
+    high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
+    some = [~bounds.outside(unsafe_set, low, high, span) for span in times]
+    some += [np.any(some, axis=0)] if len(some) > 1 else []
     laps = sizes * np.where(own.periodic, 2, 1)
     sums = np.zeros((len(some), *(laps + 1)), np.int32)
     for counted, meets in zip(sums, some, strict=True):
         for k in np.flatnonzero(own.periodic).tolist():
-            meets = np.concatenate([meets, meets], axis=k)  # obligation 4.5
+            meets = np.concatenate([meets, meets], axis=k)
         counted[(slice(1, None),) * sizes.size] = meets
         for k, n in enumerate(counted.shape):
             add_up(counted.reshape(-1), n, math.prod(counted.shape[k + 1 :]))
@@ -253,7 +252,6 @@ class GeneralProof(Images):
             certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets, pool, out)
         if len(sets) and len(self.arrives):
             numbers = np.ravel_multi_index(tuple(some.T), self.cells.counts.tolist())
-            # obligation 9.16
             bits = clear[numbers] & self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
             rows = np.flatnonzero(bits.any(axis=1) & (steps_left > 0))
             every = np.unpackbits(bits[rows], axis=1, count=out.shape[1], bitorder="little").view(np.bool_)
@@ -353,7 +351,7 @@ class GeneralProof(Images):
 
         pieces = min(int(finest(self.problem, self.parts, self.low.shape)), self.most_pieces)
         self.fill(pieces, progress, use)
-        for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
+        for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):
             self._mark_in_words(unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
@@ -410,7 +408,6 @@ class GeneralProof(Images):
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
         for part, boxes in enumerate(each):
-            # obligation 4.58
             some = np.arange(part, len(first), self.parts) if len(each) > 1 else np.arange(len(first))
             for alike, cells in united(boxes, lattice, first, last, some, len(axes) - 1):
                 for j in filter(unsafe_set.counts, np.unique(alike // self.parts).tolist()):
@@ -458,18 +455,17 @@ class GeneralProof(Images):
         still = np.full(self.clear.shape[1], 255, np.uint8)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         faces = np.stack(grid.faces("fails"))
-        if np.isfinite(faces).any():  # obligation 4.12
-            faces += np.stack([-rounding, rounding])  # obligation 4.13
+        if np.isfinite(faces).any():
+            faces += np.stack([-rounding, rounding])
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
             self._mark_alike_cells(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
-        # obligation 4.47
         own = [one for one, part in zip(lattices, self._sets_tested_by_cell, strict=True) if part.counts(j)]
-        for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
+        for lattice in (one for one in own if len(one) == 1):
             self._clear_where_tubes_meet(still, tubes, places, lattice[0], bit)
         for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
             clear = self.clear[step, :, j // 8] & still
-            for lattice in (one for one in own if len(one) > 1):  # obligation 4.10
-                self._clear_where_tubes_meet(clear, tubes, places, lattice[step], bit)  # obligation 4.11
+            for lattice in (one for one in own if len(one) > 1):
+                self._clear_where_tubes_meet(clear, tubes, places, lattice[step], bit)
             self.clear[step, :, j // 8] = clear
 
     def _clear_where_tubes_meet(
@@ -495,7 +491,7 @@ class GeneralProof(Images):
         on which cells at one place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.open_ends).any()
-        alike[axes] = False  # obligation 4.15
+        alike[axes] = False
         counts, some = self.layout.counts, (self.strides == 0) & ~alike
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
@@ -531,10 +527,9 @@ class GeneralProof(Images):
         if not unsafe_set.moving:
             return [[self._all_times]]
         length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
-        for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
-            # obligation 4.7
+        for begin in map(self.problem.time, range(self.problem.steps)):
             cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
-            out.append([(t0 - late, t1 + late) for t0, t1 in cuts])  # obligation 4.8
+            out.append([(t0 - late, t1 + late) for t0, t1 in cuts])
         return out
 
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
@@ -556,16 +551,15 @@ class GeneralProof(Images):
         times that t_k may be, given the jitter. If nothing depends on time, `step` is not used. Without a target all
         cells outside the unsafe sets. Sets that are unsafe under some inputs only do not count.
         """
-        problem, t = self.problem, self.problem.time(step)  # obligation 9.5
-        # obligation 9.6
+        problem, t = self.problem, self.problem.time(step)
         times = self._all_times if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         if not problem.has_no_target:
-            out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
+            out &= self.over_cells(problem.target, times) < 0
         # what stands still is asked once: of all cells, unless there is one goal only
         still = self.clear_of(False, self._all_times, out) if self.time_invariant else self._clear_of_still
         out &= still
-        out &= self.clear_of(True, times, out)  # obligation 9.4
+        out &= self.clear_of(True, times, out)
         return to_words(out.reshape(-1, self.axes[-1].count))
 
     @kept
@@ -584,7 +578,7 @@ class GeneralProof(Images):
             if part.moving == moving and part.inputs is None:
                 others = tuple(axis for axis in range(len(self.axes)) if axis not in part.axes)
                 some = np.asarray(out.any(axis=others))
-                out &= self.outside_cells(part, times, some)  # obligation 9.3
+                out &= self.outside_cells(part, times, some)
         return out
 
     def add(self, prepared: Packing, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:

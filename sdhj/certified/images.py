@@ -72,7 +72,7 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     spread, box = _spread(problem), error
     for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
-        if (wider <= box).all():  # obligation 10.2
+        if (wider <= box).all():
             return wider
         box = wider * (1 + 1e-3) + 1e-12 * np.maximum(np.abs(problem.grid.lower), np.abs(problem.grid.upper))
         if not (box < np.subtract(problem.grid.upper, problem.grid.lower)).all():
@@ -99,11 +99,10 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     size = np.subtract(grid.upper, grid.lower) / pieces
     low, high = grid.lower + corners * size, grid.lower + (corners + 1) * size
     strides: list[tuple[float, float]] = []
-    for step in range(problem.steps if timed else 1):  # obligation 10.6
+    for step in range(problem.steps if timed else 1):
         strides += itertools.pairwise((problem.time(step) - delay * np.arange(STRIDES, -1, -1) / STRIDES).tolist())
-    tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))  # obligation 10.7
+    tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))
     fastest, stride = (disturbed.velocity(j, low, high, *times) for j, times in tasks), delay / STRIDES * ROUNDED
-    # obligation 10.4
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
@@ -120,8 +119,8 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 
     def spread(box: FloatArray) -> FloatArray:
         """D(box): by how much a disturbed and an undisturbed velocity within `box` (ndim,) may differ, (ndim,)."""
-        least, most = near(disturbed, box)  # obligation 10.3
-        return np.maximum(most - slow, fast - least).max(axis=(0, 1))  # obligation 10.5
+        least, most = near(disturbed, box)
+        return np.maximum(most - slow, fast - least).max(axis=(0, 1))
 
     return spread
 
@@ -218,10 +217,10 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     held = np.logical_or.reduce(problem.grid.ends_where("holds"), axis=0)
     for i, axis in enumerate(axes):
-        depends[i] |= axis.last_is_narrower  # obligation 1.1
+        depends[i] |= axis.last_is_narrower
         if held[i]:
             steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
-            depends[i] |= not steady  # obligation 1.2
+            depends[i] |= not steady
     return depends
 
 
@@ -371,7 +370,7 @@ class Images(Proof):
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
             """The numbers (M,) of the places of a slab, and what `swept` returns for them under u_j."""
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
-            return places, self.tubes_of_places(places, j, self.problem.time(start), pieces)  # obligation 2.13
+            return places, self.tubes_of_places(places, j, self.problem.time(start), pieces)
 
         with (
             tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
@@ -408,7 +407,6 @@ class Images(Proof):
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
             start[0, :, k] = grid.lower[k] if shift_invariant[k] else axis.edges()[own] - self.shell[k]
-            # obligation 2.21
             start[1, :, k] = grid.upper[k] if shift_invariant[k] else axis.edges()[own + 1] + self.shell[k]
         return start
 
@@ -429,26 +427,25 @@ class Images(Proof):
         tubes, moved = (
             np.empty((many, self.parts, ndim, 2)),
             self._clipped_at_walls(start, before + off),
-        )  # obligation 2.6
-        length, early = self.problem.sensing.hold(self.problem.delta)  # obligation 2.10
+        )
+        length, early = self.problem.sensing.hold(self.problem.delta)
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
-            tube = [moved[0], moved[1]]  # obligation 2.28
+            tube = [moved[0], moved[1]]
             cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
             if part == 0 and self.has_layers:
                 cuts.insert(1, length * BESIDE_LAYER)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
             for begin, end in itertools.pairwise(cuts):
-                after = self._piece(start, moved, before, j, (time + begin, time + end))  # obligation 2.12
-                if begin >= soonest:  # obligation 2.11
+                after = self._piece(start, moved, before, j, (time + begin, time + end))
+                if begin >= soonest:
                     ends.append(moved)
                 moved, before = after, after - moved  # what a piece added is a good guess for the next
-                tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]  # obligation 4.14
+                tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
-        # obligation 2.7
         last = self._clipped(start, last) if self.problem.sensing.remembers else last + SIDES * self.prediction_error
         return tubes, np.moveaxis(self._clipped_at_walls(start, last), 0, 2)
 
@@ -460,7 +457,6 @@ class Images(Proof):
         """
         if not self.problem.sensing.remembers:
             return np.broadcast_to(self.prediction_error, start.shape[1:])
-        # obligation 2.60
         in_layer = (start[1] <= self.layers[0] + self.shell) | (start[0] >= self.layers[1] - self.shell)
         return np.where(in_layer, 0.0, self.prediction_error)
 
@@ -474,13 +470,13 @@ class Images(Proof):
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
-        less = last - SIDES * self.prediction_error  # obligation 2.8
+        less = last - SIDES * self.prediction_error
         low, high = start + less
         middle = (low + high) / 2 - start
-        less = np.where((low > high) & (self.strides > 0), middle, less)  # obligation 2.9
+        less = np.where((low > high) & (self.strides > 0), middle, less)
         beside = self.shell + 2 * drift
-        less[1] = np.maximum(less[1], walls[0] + beside - start[1])  # obligation 2.61
-        less[0] = np.minimum(less[0], walls[1] - beside - start[0])  # obligation 2.62
+        less[1] = np.maximum(less[1], walls[0] + beside - start[1])
+        less[0] = np.minimum(less[0], walls[1] - beside - start[0])
         return np.where(held, last, less)
 
     def _piece(
@@ -499,13 +495,13 @@ class Images(Proof):
         """
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
-        velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.25
+        velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)
         fastest = velocity.copy()
         for axis in np.flatnonzero(np.diag(self.problem.dynamics.reads) & (self.strides > 0)).tolist():
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
                 face = enclosure.copy()
                 narrow_to_face(ends, velocity, h, side, axis, self.shell[axis], face)
-                fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)  # obligation 2.17
+                fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)
         after = moved.copy()
         move_on(after, fastest, h)
         return self._clipped_at_walls(start, after)
@@ -532,11 +528,11 @@ class Images(Proof):
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
         for _ in range(TRIES):
-            velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.26
+            velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)
             if sweep(ends, velocity, h, shift_invariant, self.shell, enclosure, out):
                 if self.has_layers:
-                    out[0] = np.where(~shift_invariant & (velocity[0] >= 0.0), ends[0], out[0])  # obligation 2.4
-                    out[1] = np.where(~shift_invariant & (velocity[1] <= 0.0), ends[1], out[1])  # obligation 2.5
+                    out[0] = np.where(~shift_invariant & (velocity[0] >= 0.0), ends[0], out[0])
+                    out[1] = np.where(~shift_invariant & (velocity[1] <= 0.0), ends[1], out[1])
                 return ends, out
             wider = 0.1 * (out[1] - out[0]) + self.shell
             wider_enclosure = np.where(shift_invariant, ends, out + SIDES * wider)
@@ -613,6 +609,5 @@ class Images(Proof):
 
     def _ends_along(self, part: TargetSet | UnsafeSet) -> tuple[list[FloatArray], list[FloatArray]]:
         """Lower and upper ends of the cells along each axis of a set, widened by shell and E: two lists of (count,)."""
-        # obligation 9.7
         edges = [(self.axes[axis].edges(), self.shell[axis] + self.prediction_error[axis]) for axis in part.axes]
         return [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]

@@ -120,14 +120,14 @@ class Packing:
         some : cells, moves and marks of the interval, of `_at`.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
-        first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))  # obligation 3.32
+        first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
         lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
         out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
-        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))  # obligation 3.35
+        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
         led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_predecessors(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)  # obligation 3.33
-        cells[...] = led if self.proof.shrinks else cells | led  # obligation 3.34
+            add_predecessors(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)
+        cells[...] = led if self.proof.shrinks else cells | led
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
         """`add` for sets that are packed along `axis` already; `cells` is modified in place.
@@ -151,7 +151,7 @@ class Packing:
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > counts[-1]:
             return following
-        return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]  # obligation 3.6
+        return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]
 
     def _at(self, step: int, marks: FloatArray) -> _Swapped:
         """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
@@ -209,14 +209,14 @@ def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells:
     for axis, count in enumerate(counts):
         together = 64 if axis == len(counts) - 1 else 1  # cells of an entry of `out`
         begin = np.arange(0, count, together)
-        first, last = begin + far[0, axis], np.minimum(begin + together, count) - 1 + far[1, axis]  # obligation 3.8
+        first, last = begin + far[0, axis], np.minimum(begin + together, count) - 1 + far[1, axis]
         if cells.periodic[axis]:
             laps, last = first // count * count, np.minimum(last, first + count - 1)
             first, last = first - laps, last - laps
         else:
-            first, last = np.clip(first, 0, count - 1), np.clip(last, 0, count - 1)  # obligation 3.9
+            first, last = np.clip(first, 0, count - 1), np.clip(last, 0, count - 1)
         again = np.where(last < count, 0, (last - count) // together + 1)  # behind the seam
         before = np.insert(np.cumsum(out, axis=axis, dtype=np.int32), 0, 0, axis=axis)  # how many changed
         first, last = first // together, np.minimum(last, count - 1) // together + 1
-        out = (before.take(last, axis) - before.take(first, axis) + before.take(again, axis)) != 0  # obligation 3.10
+        out = (before.take(last, axis) - before.take(first, axis) + before.take(again, axis)) != 0
     return out.reshape(-1, changed.shape[1])

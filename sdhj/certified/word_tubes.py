@@ -110,7 +110,7 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
     alike = (np.ptp(least, axis=0) <= ALIKE * scale) & (np.ptp(most, axis=0) <= ALIKE * scale)
     widths, fine = np.array([float(axis.width) for axis in axes]), pieces_of(axes, alike, share)
     sway = np.where(pushed < widths / fine, pushed, 0.0)
-    low = np.where(alike, -least.min(axis=0), sway)  # obligation 4.52
+    low = np.where(alike, -least.min(axis=0), sway)
     return Lattice(axes, alike, fine, low, np.where(alike, most.max(axis=0), sway))
 
 
@@ -139,7 +139,7 @@ def boxes_in_words(
     for at in (
         slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))
     ):
-        meets = ~bounds.outside(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times)  # obligation 4.53
+        meets = ~bounds.outside(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times)
         planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
         out[at] = to_words(planes)
     return with_margins(out, last, far)
@@ -171,7 +171,7 @@ def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[Fl
     narrow (d,) : on both sides, in the axes' units; less than the `margin` of `boxes_in_words`, which makes up for it.
     """
     pitch = np.array([float(axis.width) for axis in lattice.axes]) / lattice.fine
-    first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)  # obligation 4.55
+    first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)
     last = lattice.fine - 1 + np.ceil((tubes[..., 1] - lattice.high - narrow) / pitch).astype(np.int64)
     return np.where(lattice.alike, 0, first), np.where(lattice.alike, 0, np.maximum(first, last))
 

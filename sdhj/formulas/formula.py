@@ -575,8 +575,8 @@ class BlackBox:
             slope |by| + rate duration, which broadcasts to (M, *shape). If the slope is one number for a level set,
             |by| is the length of the displacement; else the changes along the coordinates are summed.
             """
-            far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))  # obligation 4.36
-            far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))  # obligation 2.29
+            far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))
+            far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))
             return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
 
         # How it is rounded nobody says: a millionth of a thousandth of what it is and may change by from zero on is

@@ -13,7 +13,7 @@ from sdhj.kernels.compiling import inlined
 from sdhj.kernels.elementary import INF, LAPS, NAN
 
 STEP = 2.0**-52  # a unit in the last place is at most that share of a number
-TINY = 2.0**-1020  # more than is lost where a result is too small for all its digits  # obligation 7.4
+TINY = 2.0**-1020  # more than is lost where a result is too small for all its digits
 PI_UP = float.fromhex("0x1.921fb54442d19p+1")  # the next number above pi
 LARGE = 1e300  # the reciprocal of a power that is nearly this small has lost digits
 TURN = 0.15915494309189533577  # in a radian
@@ -48,7 +48,7 @@ def farthest(low, high):
 @_inlined
 def hull(p, q, r, s):
     """(least, greatest) of four numbers."""
-    return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))  # obligation 7.5
+    return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))
 
 
 @_inlined
@@ -71,8 +71,8 @@ def summed(a, b, c, d):
     """
     low, high = a + b, c + d
     rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)
-    low = low if rest_low >= 0.0 else low - abs(low) * STEP  # obligation 7.1
-    return low, high if rest_high <= 0.0 else high + abs(high) * STEP  # obligation 7.2
+    low = low if rest_low >= 0.0 else low - abs(low) * STEP
+    return low, high if rest_high <= 0.0 else high + abs(high) * STEP
 
 
 @_inlined
@@ -89,8 +89,8 @@ def outward_within_sign(low, high, negative, positive):
     negative, positive : whether some of the products may be < 0, or > 0. If none is negative, low is at least 0; if
         none is positive, high is at most 0.
     """
-    low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)  # obligation 7.3
-    return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)  # obligation 7.6
+    low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)
+    return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)
 
 
 @_inlined
@@ -111,7 +111,7 @@ def div(a, b, c, d):
     low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below
     low, high = outward_within_sign(low, high, negative, positive)
-    return low if above | below else NAN, high  # obligation 7.7
+    return low if above | below else NAN, high
 
 
 @_inlined
@@ -129,15 +129,15 @@ def wave(low, high, p, q, shift):
         is too large.
     """
     low, high = low * TURN - shift, high * TURN - shift
-    most = 1.0 if _holds_whole(low, high) else larger(p, q)  # obligation 7.9
-    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else lesser(p, q)  # obligation 7.10
+    most = 1.0 if _holds_whole(low, high) else larger(p, q)
+    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else lesser(p, q)
     return least + 0.0 * (p + q), most  # NaN where an end is too large
 
 
 @_inlined
 def tan(low, high, least):
     """The lower end of tan over [low, high], rad: `least`, the value at `low`; NaN where a pole may lie within."""
-    return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least  # obligation 7.12
+    return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least
 
 
 @_inlined
@@ -152,7 +152,7 @@ def mod(a, b, c, d, p, q):
     low, high = lesser(c, 0.0), larger(d, 0.0)
     p, q = p - (abs(p) * STEP + TINY), q + (abs(q) * STEP + TINY)
     known = ((c > 0.0) | (d < 0.0)) & (farthest(a, b) / nearest(c, d) <= LAPS)
-    return (larger(low, p) if rises else low) if known else NAN, lesser(high, q) if rises else high  # obligation 7.13
+    return (larger(low, p) if rises else low) if known else NAN, lesser(high, q) if rises else high
 
 
 @_inlined
@@ -163,4 +163,4 @@ def power(low, high, p, q, n):
     """
     p, q = larger(0.0, p) if low >= 0.0 else p, lesser(0.0, q) if (high <= 0.0) & (n % 2 != 0) else q
     q = q if (n >= 0) | (farthest(p, q) < LARGE) else INF
-    return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, q  # obligation 7.14
+    return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, q

@@ -13,7 +13,6 @@ from numba import prange
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 
-# obligation 8.1
 STATE_SLACK = 1e-10  # of the largest coordinate of an axis (of the arm: m, rad): see sdhj.certified.sets
 MOST_LAPS = 1e9  # of a periodic axis: farther away numbers do not tell cells apart
 TOUCHING = 1e-300  # the hazard of an input that is not proved to stay clear is at least this
@@ -167,7 +166,6 @@ def erode_packed(cells, shifts, passes):
                 block[word] = cells[row, word]
             for k in range(shifts.shape[1]):
                 for word in range(words if shifts[axis, k] != 0 else 0):
-                    # obligation 3.16
                     cells[row, word] &= shifted_word(block, word, shifts[axis, k]) | passes[axis, k, word]
 
 
@@ -182,7 +180,7 @@ def erode_rows(cells, first, number, out):
         i, k = np.int64(row), first[row]
         for word in range(words):
             out[i, word] = cells[k, word]
-        for _ in range(1, number[i]):  # obligation 3.17
+        for _ in range(1, number[i]):
             k = k + 1 if k + 1 < n else 0
             for word in range(words):
                 out[i, word] &= cells[k, word]
@@ -204,7 +202,7 @@ def add_certified(cells, first, number, allowed, clear, out):
             for word in range(words):
                 block[word] = cells[a, k, word] & clear[a, i, word]
                 some |= block[word]
-            for _ in range(1, number[i]):  # obligation 3.18
+            for _ in range(1, number[i]):
                 if some == 0:
                     break
                 k, some = k + 1 if k + 1 < n else 0, np.uint64(0)

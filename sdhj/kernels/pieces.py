@@ -55,7 +55,7 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
                     moved = end + h * velocity[side, m, k]
                     end = (end if way * moved <= way * end else moved) + way * shell[k] / 4
                     out[side, m, k] = end
-                    inside &= way * end < way * enclosure[side, m, k]  # obligation 2.14
+                    inside &= way * end < way * enclosure[side, m, k]
     return inside
 
 
@@ -68,8 +68,8 @@ def narrow_to_face(ends, velocity, h, side, axis, shell, box):
     """
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
-        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8  # obligation 2.15
-        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + shell / 8  # obligation 2.16
+        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8
+        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + shell / 8
 
 
 @kernel(nogil=True)
@@ -80,9 +80,9 @@ def move_on(moved, velocity, h):
         for m in range(moved.shape[1]):
             for k in range(moved.shape[2]):
                 step = h * velocity[side, m, k]
-                step += way * 1e-15 * abs(step)  # h is off the length of the piece by less  # obligation 2.32
+                step += way * 1e-15 * abs(step)  # h is off the length of the piece by less
                 if step != 0.0:
-                    moved[side, m, k] = np.nextafter(moved[side, m, k] + step, way * np.inf)  # obligation 2.31
+                    moved[side, m, k] = np.nextafter(moved[side, m, k] + step, way * np.inf)
 
 
 @kernel(nogil=True)
@@ -97,7 +97,7 @@ def clip_to_walls(start, moved, shift_invariant, walls):
                 begin, place = start[side, m, k], start[side, m, k] + moved[side, m, k]
                 if not shift_invariant[k] and (place < walls[0, k] or place > walls[1, k]):
                     at_wall = walls[0, k] if place < walls[0, k] else walls[1, k]
-                    moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)  # obligation 2.18
+                    moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)
 
 
 # ---- boxes where functions are bounded

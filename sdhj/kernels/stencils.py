@@ -73,7 +73,7 @@ def next_in_box(at, number, axes):
     axis = axes - 1
     while axis >= 0:
         at[axis] += 1
-        if at[axis] < number[axis]:  # obligation 3.1
+        if at[axis] < number[axis]:
             break
         at[axis] = 0
         axis -= 1
@@ -92,7 +92,7 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
     for axis in range(axes):
         count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
         if not cells.periodic[axis]:
-            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):  # obligation 3.4
+            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
                 return 0
             begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
         elif end - begin >= count:
@@ -127,13 +127,12 @@ def rows_inside(total, cells, index, pool, scratch):
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
     word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
-    asked = bits_between(word, begin, end)  # all of them where it is short, which most are  # obligation 3.2
+    asked = bits_between(word, begin, end)  # all of them where it is short, which most are
     for _ in range(total):
         block = pool[index[row_of_box(scratch, cells)]]
         if short:
             if block[word] & asked != asked:
                 return False
-        # obligation 3.3
         elif not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
         next_in_box(scratch[2], scratch[1], last)
@@ -160,7 +159,7 @@ def runs_of_ones(block, begin, length):
     1 <= length <= 64; beyond the ends of the block bits count as 0.
     """
     low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
-    while run < length:  # obligation 3.5
+    while run < length:
         more = min(run, length - run)
         low &= low >> np.uint64(more) | high << np.uint64(64 - more)
         high &= high >> np.uint64(more)
@@ -247,7 +246,7 @@ def grow_row(row, sets, clear, moves, cells, keep, scratch):
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
     for word in range(inside.size):
-        asked = (inside[word] if keep else ~inside[word]) & bits_between(word, 0, last)  # obligation 3.11
+        asked = (inside[word] if keep else ~inside[word]) & bits_between(word, 0, last)
         if not near[word] or asked == 0:
             continue
         if images_in.size > 0:
@@ -260,7 +259,7 @@ def grow_row(row, sets, clear, moves, cells, keep, scratch):
             place = begin + bit * moves.strides[cell.size - 1]
             for turn in range(count if found else 0):
                 j = (tried + turn) % count  # what served before is tried first
-                found = (clear[number, j >> 3] >> (j & 7)) & 1 != 0  # obligation 3.7
+                found = (clear[number, j >> 3] >> (j & 7)) & 1 != 0
                 if found and images_in.size > 0:
                     found = (images_in[j] >> np.uint64(bit & 63)) & BIT != 0
                 elif found:
@@ -289,7 +288,7 @@ def add_marked(inside, clear, marks, strides, counts):
         for bit in range(last):
             at = site + bit * strides[counts.size - 1]
             for byte in range(marks.shape[1]):
-                if marks[at, byte] & clear[i * last + bit, byte]:  # obligation 9.15
+                if marks[at, byte] & clear[i * last + bit, byte]:
                     inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
 
 
@@ -308,16 +307,15 @@ def boxes_along(low, high, k, lattice):
         lap = size // 2
         if end - begin >= length:
             return 0, lap
-        # obligation 4.19
         begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
         first = min(math.floor(begin / pitch), lap - 1)
-        if end > length:  # obligation 4.18
+        if end > length:
             last = lap + min(math.ceil((end - length) / pitch), lap)
         else:
             last = min(math.ceil(end / pitch), lap)
     else:
-        first = min(max(math.floor(begin / pitch), 0), size - 1)  # obligation 4.17
-        last = min(max(math.ceil(end / pitch), 0), size)  # obligation 4.16
+        first = min(max(math.floor(begin / pitch), 0), size - 1)
+        last = min(max(math.ceil(end / pitch), 0), size)
     return first, max(last, first + 1)
 
 
@@ -374,7 +372,6 @@ def parts_inside(cell, tube, layout):
         return tube.shape[0]
     for part in range(tube.shape[0]):
         for axis in range(cell.size):
-            # obligation 4.30
             if layout.edges[axis, cell[axis]] + tube[part, axis, 0] > layout.safe[1, axis] or (
                 layout.edges[axis, cell[axis] + 1] + tube[part, axis, 1] < layout.safe[0, axis]
             ):
@@ -433,7 +430,6 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
                 boxes_of_a_line(begin, span, tube, lattice, layout, (along[own, span], hulls[own, span]))
                 known[own, span] = place
             corners_of_a_line(cell, span, tube, lattice, layout, (corner, at))
-            # obligation 4.24
             count_in_a_line(sums[(span - 1) % len(sums)], corner, along[own, span], hulls[own, span], left, met)
             more = 0
             for n in range(left.size):
@@ -456,7 +452,7 @@ def swept_boxes(number, span, tube, k, lattice, edges):
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
     for part in range(begin + 1, end):
         low, high = min(low, tube[part, axis, 0]), max(high, tube[part, axis, 1])
-    low, high = low + lattice.narrow[k], high - lattice.narrow[k]  # obligation 4.20
+    low, high = low + lattice.narrow[k], high - lattice.narrow[k]
     return boxes_along(edges[axis, number] + low, edges[axis, number + 1] + high, k, lattice)
 
 
@@ -474,10 +470,10 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
         if lattice.axes[k] == layout.axis:
             hulls[0], hulls[1] = step * lattice.sizes[k], 0
             for n in range(along.shape[1]):
-                first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)  # obligation 4.21
+                first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)
                 along[0, n], along[1, n], segment = step * first, step * last, n // SEGMENT
                 hulls[0, segment] = min(hulls[0, segment], along[0, n])
-                hulls[1, segment] = max(hulls[1, segment], along[1, n])  # obligation 4.22
+                hulls[1, segment] = max(hulls[1, segment], along[1, n])
         step *= lattice.sizes[k] + 1
 
 
@@ -498,7 +494,7 @@ def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
         for k in range(d):
             flat *= lattice.sizes[k] + 1
             if lattice.axes[k] != layout.axis:
-                flat += at[sides & 1, k]  # obligation 4.23
+                flat += at[sides & 1, k]
                 sign = sign if sides & 1 else -sign
                 sides >>= 1
         corner[0, c], corner[1, c] = flat, sign
@@ -574,7 +570,7 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch
             elif step < 0 or n == layout.length - 1:
                 break
             else:
-                n, step = layout.length, -1  # obligation 4.59
+                n, step = layout.length, -1
             n += step
 
 
@@ -587,9 +583,9 @@ def past_a_face(cell, far, faces, edges, along, others):
     """
     left = False
     for axis in range(cell.size):
-        if (axis == along) != others:  # obligation 4.28
-            left |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]  # obligation 4.27
-            left |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]  # obligation 4.29
+        if (axis == along) != others:
+            left |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]
+            left |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
     return left
 
 
@@ -612,10 +608,10 @@ def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
         safe = clear[row * cells.counts[-1] + bit]
         for axis in range(cell.size):
             place += cell[axis] * moves.strides[axis]
-        for j in range(out.shape[1]):  # obligation 3.14
+        for j in range(out.shape[1]):
             if out[m, j]:
-                out[m, j] = steps_left[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1  # obligation 3.13
-            if out[m, j] and len(sets) > 0:  # obligation 3.12
+                out[m, j] = steps_left[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1
+            if out[m, j] and len(sets) > 0:
                 out[m, j] = move_inside(cell, j, place, moves, cells, sets[following], pool, scratch)
 
 
@@ -640,7 +636,7 @@ def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
             end += 1
         for axis in range(ndim):
             place += some[begin, axis] * moves.strides[axis]
-        for j in range(out.shape[1]):  # obligation 3.15
+        for j in range(out.shape[1]):
             if out[begin:end, j].any():
                 low, high = moves.low[j, place], moves.high[j, place]
                 total = box_of_image(some[begin], low, high, moves.safe, cells, ndim, scratch)

@@ -241,13 +241,13 @@ def _truths(op, scratch, i, j, k, last, count):
             out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
     elif op == LESS:
         for m in range(count):
-            out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN  # obligation 7.25
+            out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
     elif op == LESSEQ:
         for m in range(count):
-            out[m] = (1.0 if a[m] <= b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN  # obligation 7.26
+            out[m] = (1.0 if a[m] <= b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
     elif op == EQUAL:
         for m in range(count):
-            out[m] = (1.0 if a[m] == b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN  # obligation 7.27
+            out[m] = (1.0 if a[m] == b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
     elif op == NOT:
         for m in range(count):
             out[m] = 1.0 - a[m]
@@ -434,12 +434,12 @@ def _at_ends(op, fact, scratch, i, j, k, n, count):
         the exponent of `power`. The last four rows of scratch are overwritten.
     """
     work = scratch.shape[0] // 2 - 2
-    if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
+    if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):
         _magnitudes(scratch, i, work, count)
         _magnitudes(scratch, j, work + 1, count)
         i, j = work, work + 1
-    falls = 1 if op == POWER and n < 0 else int(fact[FALLS])  # obligation 7.15
-    twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is  # obligation 7.19
+    falls = 1 if op == POWER and n < 0 else int(fact[FALLS])
+    twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is
     for end in range(4 if twice else 2):
         first, second = (falls ^ end, end) if end < 2 else (end - 2, 3 - end)
         row = 2 * k + end if end < 2 else 2 * work + end - 2
@@ -463,9 +463,8 @@ def _outward(op, fact, scratch, i, j, k, n, count):
     a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
         for m in range(count):
-            shift = 0.25 if op == SIN else 0.0  # obligation 7.11
+            shift = 0.25 if op == SIN else 0.0
             out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
-    # obligation 7.22
     share, tiny = fact[ERROR] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[ERROR] > 0.0 else 0.0
     zero, lowest, highest = fact[NEAR_ZERO], fact[LOWEST] if op != POWER or n % 2 != 0 else 0.0, fact[HIGHEST]
     for m in range(count):
@@ -482,11 +481,11 @@ def _outward(op, fact, scratch, i, j, k, n, count):
             out[0, m], out[1, m] = intervals.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
     elif op == POW:
         for m in range(count):
-            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN  # obligation 7.21
+            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
     elif op == ARCTAN2:
         for m in range(count):
             cut = (a[0, m] <= 0.0) & (a[1, m] >= 0.0) & (b[0, m] <= 0.0)  # or the origin
-            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]  # obligation 7.20
+            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -517,15 +516,15 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
             low, high = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
             low, high = lesser(1.0, larger(-1.0, low)), lesser(1.0, larger(-1.0, high))
             zero = (b[0, m] <= 0.0) & (b[1, m] >= 0.0)
-            out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high  # obligation 7.8
+            out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high
     elif op == EQUAL:
         for m in range(count):
-            out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0  # obligation 7.23
+            out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0
             out[1, m] = 1.0 if (a[0, m] <= b[1, m]) & (b[0, m] <= a[1, m]) else 0.0
     elif op == WHERE:
         for m in range(count):
             sure, never = a[0, m] > 0.0, a[1, m] <= 0.0
-            low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))  # obligation 7.24
+            low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))
             high = b[1, m] if sure else (c[1, m] if never else larger(b[1, m], c[1, m]))
             fine = (a[0, m] == a[0, m]) & ((b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never)
             out[0, m], out[1, m] = low if fine else NAN, high
@@ -592,7 +591,7 @@ def _extremes_of_blocks(lookup, tables, first, last):
         index, rest, step = np.int64(0), np.int64(number), np.int64(1)
         for axis in range(axes - 1, -1, -1):
             begin, nodes = first[axis] >> level, ((lookup[7 + axis] - 1) >> level) + 1
-            many = (last[axis] >> level) - begin + 1  # obligation 7.35
+            many = (last[axis] >> level) - begin + 1
             index += step * (begin + rest % many)
             rest, step = rest // many, step * nodes
         low, high = min(low, tables[start + index]), max(high, tables[start + size + index])
@@ -622,7 +621,7 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
             fine &= (low == low) & (high == high)
             ends[0, axis], ends[1, axis] = min(max(low, 0.0), most), min(max(high, 0.0), most)
             first[axis] = min(int(ends[0, axis]), most - 1) if fine else 0
-            last[axis] = max(int(np.ceil(ends[1, axis])), first[axis] + 1) if fine else 1  # obligation 7.29
+            last[axis] = max(int(np.ceil(ends[1, axis])), first[axis] + 1) if fine else 1
             total *= last[axis] - first[axis] + 1
         least, greatest = INF if fine else NAN, -INF
         if fine and total > MOST_NODES[axes]:
@@ -642,7 +641,6 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
                 before *= nodes
             for k in range(total):
                 least, greatest = lesser(block[k], least), larger(block[k], greatest)
-        # obligation 7.30
         slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY  # each axis: three roundings, of two numbers
         out[0, m], out[1, m] = least - slack if fine else NAN, greatest + slack
 
@@ -655,7 +653,7 @@ def _undefined_to_nan(scratch, i, j, k, count):
     """
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
-        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])  # obligation 7.28
+        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])
         out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
 
 
@@ -702,7 +700,7 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
             else:
                 i, last = place[first], place[code[k, 4]] if op == WHERE else 0
                 j, fact = place[code[k, 3]], facts[op]
-                once = alike[i] and alike[j] and (op != WHERE or alike[last])  # obligation 7.36
+                once = alike[i] and alike[j] and (op != WHERE or alike[last])
                 n = 1 if once else count
                 if fact[DIRECT] != 0.0:
                     _direct_bounds(op, scratch, i, j, spare, last, n)

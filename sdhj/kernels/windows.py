@@ -24,7 +24,7 @@ def united_along(boxes, first, last, fine, periodic, out):
     for task in prange(outer * count):
         a, i = np.int64(task) // count, np.int64(task) % count
         for box in range(fine * i + first, fine * i + last + 1):
-            at = box % size if periodic else min(max(box, 0), size - 1)  # obligation 4.50
+            at = box % size if periodic else min(max(box, 0), size - 1)
             for word in range(inner):
                 own = boxes[a, at, word]
                 out[a, i, word] = own if box == fine * i + first else out[a, i, word] | own
@@ -45,7 +45,7 @@ def united_in_words(planes, first, last, out):
         for word in range(words):
             met = np.uint64(0)
             for box in range(first, last + 1):
-                met |= shifted_word(planes[row, box % fine], word, start + box // fine)  # obligation 4.51
+                met |= shifted_word(planes[row, box % fine], word, start + box // fine)
             out[row, word] = met
 
 
@@ -84,14 +84,14 @@ def add_predecessors(missing, clear, inputs, wanted, led, count):
     rows, words = led.shape
     for row in prange(rows):
         for word in range(words):
-            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]  # obligation 3.29
+            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
             some &= bits_between(word, 0, count)  # what is behind the last cell would be looked at for nothing
             for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
-                if (some >> np.uint64(bit & 63)) & BIT == 0:  # obligation 3.30
+                if (some >> np.uint64(bit & 63)) & BIT == 0:
                     continue
                 number = np.int64(row) * count + bit
                 for j in inputs:
-                    if (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.31
+                    if (clear[number, j >> 3] >> (j & 7)) & 1:
                         led[row, word] |= BIT << np.uint64(bit & 63)
                         break
 

@@ -604,7 +604,7 @@ class VectorField(Remembering):
         """
         drift, bounds = self.drift_at(points, j, t), self.functions_by_input["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
-        return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
+        return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
         """Least and greatest velocity along each axis under input j over all v, at points (M, ndim) and time t: (M, 2,

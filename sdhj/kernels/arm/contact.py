@@ -70,8 +70,8 @@ def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
     for part in range(parts):
         n, remainder = links.link_points(link, moves1[part], moves2[part], arm, scratch)
         size = links.convex_hull(n, scratch)
-        growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.34
-        radius = agent.radius + CONTACT_MARGIN + remainder  # obligation 7.33
+        growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts
+        radius = agent.radius + CONTACT_MARGIN + remainder
         links.touch_cells(size, radius, growth, agent, rows, scratch, block)
 
 
@@ -131,7 +131,7 @@ def disks_met(disks, instant, near, wanted, arm, scratch):
                 continue
             for disk in range(radii.size):
                 px, py = centres[step, disk, 0], centres[step, disk, 1]
-                gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN  # obligation 7.34
+                gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN
                 if px < left - gap or px > right + gap or py < low - gap or py > high + gap:
                     continue
                 if links.hull_distance(px, py, size, scratch) <= gap:
@@ -160,7 +160,7 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
             joints_during(cell, span * here, span * (here + 1), scratch)
             left = disks_met(disks, instant, span / 2, left, arm, scratch)
             if deep == disks.depth:
-                blocked |= left  # obligation 4.31
+                blocked |= left
             elif left != 0:
                 joints_during(cell, span * (here + 0.5), span * (here + 0.5), scratch)
                 blocked |= disks_met(disks, instant, 0.0, left, arm, scratch)
@@ -227,7 +227,7 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
                     dx = max(abs(scratch.x[corner] - left), abs(scratch.x[corner] - right))
                     dy = max(abs(scratch.y[corner] - low), abs(scratch.y[corner] - high))
                     furthest = max(furthest, math.hypot(dx, dy))
-                if furthest + remainder + CONTACT_MARGIN <= radius:  # obligation 7.32
+                if furthest + remainder + CONTACT_MARGIN <= radius:
                     set_bits(out[i1, i2], bit, bit + 1)
 
 
@@ -271,7 +271,7 @@ def pursuer_meets(cell, j, motion, scratch, block):
     bit = cell[2] * agent.ny + cell[3]
     left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
     for part in range(parts):
-        growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.35
+        growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts
         ends1, ends2 = motion.moves[0, j, cell[0], part], motion.moves[1, j, cell[1], part]
         for link in range(LINKS):
             n, remainder = links.link_points(link, ends1, ends2, motion.arm, scratch)

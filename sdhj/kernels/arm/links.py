@@ -19,7 +19,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import kernel
 from sdhj.kernels.packed import set_bits
 
-CONTACT_MARGIN = 1e-8  # m  # obligation 7.31
+CONTACT_MARGIN = 1e-8  # m
 LINKS = 2
 
 
@@ -77,8 +77,8 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
     From low + min(slow tau) to high + max(fast tau), for a velocity that stays in [slow, fast]. ends : overwritten with
     the lower end, its cosine and sine, the upper end, its cosine and sine.
     """
-    ends[0] = low + min(slow * tau0, slow * tau1)  # obligation 4.33
-    ends[3] = high + max(fast * tau0, fast * tau1)  # obligation 4.32
+    ends[0] = low + min(slow * tau0, slow * tau1)
+    ends[3] = high + max(fast * tau0, fast * tau1)
     ends[1], ends[2] = math.cos(ends[0]), math.sin(ends[0])
     ends[4], ends[5] = math.cos(ends[3]), math.sin(ends[3])
 
@@ -112,7 +112,7 @@ def link_points(link, ends1, ends2, arm, scratch):
         x[e1], y[e1] = l1 * ends1[3 * e1 + 1], l1 * ends1[3 * e1 + 2]
     if link == 0:
         x[2], y[2] = 0.0, 0.0
-        return 3, l1 * w1 * w1 / 8.0  # obligation 5.1
+        return 3, l1 * w1 * w1 / 8.0
     for e1 in range(2):
         for e2 in range(2):
             c, s = ends2[3 * e2 + 1], ends2[3 * e2 + 2]
@@ -121,7 +121,7 @@ def link_points(link, ends1, ends2, arm, scratch):
                 c, s = c1 * c - s1 * s, s1 * c + c1 * s
             x[2 + 2 * e1 + e2] = x[e1] + l2 * c
             y[2 + 2 * e1 + e2] = y[e1] + l2 * s
-    return 6, (l1 * w1 * w1 + l2 * (turn * turn * w1 * w1 + w2 * w2)) / 8.0  # obligation 5.2
+    return 6, (l1 * w1 * w1 + l2 * (turn * turn * w1 * w1 + w2 * w2)) / 8.0
 
 
 @kernel(forceinline=True)
@@ -271,6 +271,6 @@ def touch_cells(size, radius, growth, agent, rows, scratch, block):
         highest = piece_height(upper, up, x_top, radius)
         lowest = -piece_height(lower, down, x_bottom, radius)
         start = max(math.floor((lowest - growth - agent.y) / agent.width_y), 0)
-        stop = min(math.floor((highest + growth - agent.y) / agent.width_y) + 1, agent.ny)  # obligation 6.1
+        stop = min(math.floor((highest + growth - agent.y) / agent.width_y) + 1, agent.ny)
         if start < stop:
             set_bits(block, row * agent.ny + start, row * agent.ny + stop)
