@@ -233,15 +233,16 @@ class WordTable:
         """
         start, within, rule = key
         missing = np.empty(len(states) << states.shape[1], np.int64)
+        asked = states, table.cells, table.proof.shell
         with self.lock:
-            lacks = look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing)
+            lacks = look_up(*asked, self.keys, self.words, within, most, *out, missing)
         if lacks:
             numbers = np.unique(missing[:lacks])
             cells = np.stack(np.unravel_index(numbers, table.shape), axis=1)
             made = words_of(table, cells, start, within, rule)
             with self.lock:
                 self.keep(numbers, made)
-                look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing[:0])
+                look_up(*asked, self.keys, self.words, within, most, *out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
         """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room for them.

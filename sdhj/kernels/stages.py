@@ -196,16 +196,15 @@ def _scaled(minus, plus, velocity, box, i):
 
 
 @_inlined
-def _sum_hamiltonians(axes, total, phi, box, scheme, c, i):
+def _sum_hamiltonians(axes, total, phi, box, order, flux, c, i):
     """`total` plus the numerical Hamiltonians of axes at node i, where phi is c, added one after the other.
 
-    axes : the rest of what `_runs_of_axes` returns. box : the velocities, flat. scheme : (order, flux), choices.
+    axes : the rest of what `_runs_of_axes` returns. box : the velocities, flat. order, flux : choices.
     """
     if len(axes) == 0:
         return total
-    order, flux = scheme
     total += _hamiltonian(flux, *_upwind(phi, axes[0], box, order, c, i))
-    return _sum_hamiltonians(axes[1:], total, phi, box, scheme, c, i)
+    return _sum_hamiltonians(axes[1:], total, phi, box, order, flux, c, i)
 
 
 @_inlined
@@ -228,21 +227,20 @@ def _kept(keep, old):
 
 
 @kernel(**UNCOUNTED)
-def _advance_box(out, phi, here, count, axes, box, scheme, step):
+def _advance_box(out, phi, here, count, axes, box, order, flux, dt, keep):
     """One stage at `count` nodes from `here` on, in one loop and in place; all arrays are flat.
 
     out = keep out + (1 - keep) (phi + dt H), H the sum of the axes' numerical Hamiltonians.
 
-    axes : of `_runs_of_axes`. box : the velocities. scheme : (order, flux), choices. step : (dt, keep).
+    axes : of `_runs_of_axes`. box : the velocities. order, flux : choices.
     """
     # Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
-    dt, keep = step
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
         out[here + i] = _kept(keep, out[here + i]) + rest * (
-            c + dt * _sum_hamiltonians(axes, zero, phi, box, scheme, c, i)
+            c + dt * _sum_hamiltonians(axes, zero, phi, box, order, flux, c, i)
         )
 
 
@@ -290,16 +288,16 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 
 @kernel()
-def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
+def _advance_coupled(out, phi, here, count, axes, velocities, order, dt, keep):
     """One stage at `count` nodes from `here` on for coupled velocities, in place; arrays are flat.
 
     out = keep out + (1 - keep) (phi + dt (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at
     the mean differences p. In several loops: there are too many velocities for the registers.
 
-    axes : of `_runs_of_axes`. step : (dt, keep). order : a choice of differences. velocities : (box, inverse, drift,
+    axes : of `_runs_of_axes`. order : a choice of differences. velocities : (box, inverse, drift,
         gain), as `stage` describes them, of one input.
     """
-    (dt, keep), (box, _, drift, gain) = step, velocities
+    box, _, drift, gain = velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
     p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
     for axis in range(len(axes)):
@@ -332,15 +330,14 @@ def _fill_ghosts(plane, layout, begin, end):
 
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
-def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
-    """One thread's share of `stage`, written to `out`: share number share[0] of share[1].
+def _stage_share(phi, out, obstacle, velocities, order, flux, layout, dt, keep, share, shares):
+    """One thread's share of `stage`, written to `out`: number `share` of `shares`; the other arguments are `stage`'s.
 
-    The pieces shared are the chunks of all planes of the layout; ghost nodes are set. scheme : (order, flux), choices;
-    the other arguments as for `stage`.
+    The pieces shared are the chunks of all planes of the layout; ghost nodes are set.
     """
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
-    for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
+    for task in range(share * tasks // shares, (share + 1) * tasks // shares):
         plane = task // layout.chunks
         chunk = task - plane * layout.chunks
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
@@ -348,16 +345,16 @@ def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
         axes = _runs_of_axes(phi.shape, layout.near[plane], start, first, velocities)
         if len(velocities) == 4:
-            _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
+            _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, order, dt, keep)
         else:
-            _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
+            _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], order, flux, dt, keep)
         if least.size > 0:
             raise_to(ahead[first : first + count], least[first : first + count])
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
 @kernel(parallel=True, least=FEW)
-def stage(phi, out, obstacle, velocities, order, flux, layout, step):
+def stage(phi, out, obstacle, velocities, order, flux, layout, dt, keep):
     """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`.
 
     Ghost nodes of `out` are set as well; `out` is modified in place. Where keep is 0, what was in `out` does not
@@ -374,8 +371,7 @@ def stage(phi, out, obstacle, velocities, order, flux, layout, step):
         Any of them has one plane instead of all where it does not depend on the state.
     order, flux : choices (`choice`) of `DIFFERENCES` and of `HAMILTONIANS`.
     layout : the `Layout`.
-    step : (dt, keep).
     """
     blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
     for block in prange(blocks):
-        _stage_share(phi, out, obstacle, velocities, (order, flux), layout, step, (np.int64(block), blocks))
+        _stage_share(phi, out, obstacle, velocities, order, flux, layout, dt, keep, np.int64(block), blocks)

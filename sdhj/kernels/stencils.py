@@ -223,24 +223,24 @@ def grow(near, inside, following, clear, moves, cells, keep):
         row = np.int64(i)
         if near[row].any():
             images_in = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
-            scratch = np.empty((4, ndim), np.int64), images_in
-            grow_row(row, (near[row], inside[row], index, following), clear, moves, cells, keep, scratch)
+            at = np.empty((4, ndim), np.int64)
+            grow_row(row, near[row], inside[row], index, following, clear, moves, cells, keep, at, images_in)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, sets, clear, moves, cells, keep, scratch):
+def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices, images_in):
     """Add to one row of a set the cells that moves lead into another; for `keep`, keep only such cells. In place.
 
     What `grow` does, for row number `row`.
 
-    sets : (near (W,), inside (W,), index (R,), pool), the words of the row that are looked at, the row itself, modified
-        in place, and the other set by the number of each row's block, and the blocks.
+    near (W,) : the words of the row that are looked at. inside (W,) : the row itself, modified in place. index (R,),
+        pool : the other set by the number of each row's block, and the blocks.
     clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
     keep : bool.
-    scratch : (4, ndim) int64, and (L,) uint64 where `pool` is extended as in `images_inside`, else of length 0;
-        overwritten.
+    indices (4, ndim) int64, images_in (L,) uint64 : overwritten; the second is of length 0 unless `pool` is extended as
+        in `images_inside`.
     """
-    (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
+    begin, tried = 0, 0
     last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
@@ -379,6 +379,19 @@ def parts_inside(cell, tube, layout):
     return tube.shape[0]
 
 
+class Lines(NamedTuple):
+    """What `mark_collisions` overwrites, for a chunk; `known` is -1 at first, with a row for each place of a group."""
+
+    cell: FloatArray
+    known: FloatArray
+    along: FloatArray
+    hulls: FloatArray
+    corner: FloatArray
+    at: FloatArray
+    left: FloatArray
+    met: FloatArray
+
+
 @kernel(parallel=True)
 def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
     """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may meet an unsafe set.
@@ -397,8 +410,9 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
         along = np.empty((together, spans, 2, length), np.int64)
         hulls = np.empty((together, spans, 2, length // SEGMENT + 1), np.int64)
         corner, at = np.empty((2, 1 << d - 1), np.int64), np.empty((2, d), np.int64)
-        scratch = cell, known, along, hulls, corner, at, np.empty((2, length), np.int64)
-        mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), scratch)
+        left, met, number = np.empty(length, np.int64), np.empty(length, np.int64), np.int64(chunk)
+        scratch = Lines(cell, known, along, hulls, corner, at, left, met)
+        mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, number, scratch)
 
 
 @kernel(**UNCOUNTED)
@@ -408,10 +422,10 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
     Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
     up in each part. A line of one place is followed by that of the next, of some places, so that memory is read once.
 
-    scratch : the arrays that `mark_collisions` makes for a chunk, overwritten; the second one, `known`, is -1 at first,
-        with a row for each of these places.
+    scratch : a `Lines`.
     """
-    (cell, known, along, hulls, corner, at, (left, met)), lines, sums = scratch, layout.offset.size, lattice.sums
+    cell, known, along, hulls, corner, at, left, met = scratch
+    lines, sums = layout.offset.size, lattice.sums
     total, together = (places[1] - places[0]) * lines, known.shape[0]
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         group = i // (lines * together) * together  # the first of some places, the last of which may be fewer
@@ -427,9 +441,9 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
             more += left[n]
         for span in range(known.shape[1] if more > 0 else 0):
             if known[own, span] != place:
-                boxes_of_a_line(begin, span, tube, lattice, layout, (along[own, span], hulls[own, span]))
+                boxes_of_a_line(begin, span, tube, lattice, layout, along[own, span], hulls[own, span])
                 known[own, span] = place
-            corners_of_a_line(cell, span, tube, lattice, layout, (corner, at))
+            corners_of_a_line(cell, span, tube, lattice, layout, corner, at)
             count_in_a_line(sums[(span - 1) % len(sums)], corner, along[own, span], hulls[own, span], left, met)
             more = 0
             for n in range(left.size):
@@ -457,15 +471,15 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 
 @kernel(**UNCOUNTED)
-def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
-    """Write `swept_boxes` of the cells of a line, each times the step of the line's axis in the sums, to scratch.
+def boxes_of_a_line(begin, span, tube, lattice, layout, along, hulls):
+    """Write `swept_boxes` of the cells of a line, each times the step of the line's axis in the sums.
 
     begin : the line's first cell on its axis. span : 0, the whole interval, or part span - 1. tube (parts, ndim, 2) :
         how far the ends of the cells move in each part. lattice : the `Boxes`. layout : the `Placed`.
-    scratch : along (2, length), the first box and the one behind the last, of each cell; hulls (2, segments), of each
-        segment of `SEGMENT` cells.
+    along (2, length) : overwritten with the first box and the one behind the last, of each cell. hulls (2, segments) :
+        with those of each segment of `SEGMENT` cells.
     """
-    (along, hulls), step = scratch, 1
+    step = 1
     for k in range(lattice.axes.size - 1, -1, -1):
         if lattice.axes[k] == layout.axis:
             hulls[0], hulls[1] = step * lattice.sizes[k], 0
@@ -478,14 +492,14 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
 
 
 @kernel(**UNCOUNTED)
-def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
+def corners_of_a_line(cell, span, tube, lattice, layout, corner, at):
     """Write where in the sums the corners of `swept_boxes` of a cell (ndim,) are on all axes but a line's.
 
     span : 0, the whole interval, or part span - 1. tube (parts, ndim, 2) : how far the cell's ends move in each part.
     lattice : the `Boxes`. layout : the `Placed`.
-    scratch : corner (2, 2^(d - 1)), the place of each, and its sign, 1 or -1; at (2, d) is overwritten.
+    corner (2, 2^(d - 1)) : overwritten with the place of each, and its sign, 1 or -1. at (2, d) : overwritten.
     """
-    (corner, at), d = scratch, lattice.axes.size
+    d = lattice.axes.size
     for k in range(d):
         if lattice.axes[k] != layout.axis:
             at[0, k], at[1, k] = swept_boxes(cell[lattice.axes[k]], span, tube, k, lattice, layout.edges)
@@ -532,21 +546,21 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
     """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
-        scratch = np.empty(ndim, np.int64), np.empty((2, ndim))
-        mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, np.int64(chunk), scratch)
+        cell, far = np.empty(ndim, np.int64), np.empty((2, ndim))
+        mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, np.int64(chunk), cell, far)
 
 
 @kernel(**UNCOUNTED)
-def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
+def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, cell, far):
     """Do what `mark_exits` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
 
     A line is looked at from its first cell on until one stays, and from its last cell back: cells between two that stay
     do so, too. For all cells of a line move alike, and the nearer a cell is to a safe end, where there is one, the
     sooner it is out.
 
-    scratch : a cell (ndim,) int64, and how far a cell's ends get (2, ndim), overwritten.
+    cell (ndim,) int64, far (2, ndim) : overwritten; the second with how far a cell's ends get.
     """
-    (cell, far), lines, along = scratch, layout.offset.size, layout.axis
+    lines, along = layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         place = places[0] + i // lines
@@ -647,10 +661,10 @@ def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
                 for r in range(total):
                     rows[r] = row_of_box(scratch, cells)
                     next_in_box(scratch[2], scratch[1], ndim - 1)
-                line, shape = slice(begin, end), (rows, scratch[0, -1], scratch[0, -1] + scratch[1, -1])
+                line, bit, past = slice(begin, end), scratch[0, -1], scratch[0, -1] + scratch[1, -1]
+                own, left, near, far = some[line, along], steps_left[line], low[along], high[along]
                 seen[:, 1] = -2
-                asked = some[line, along], steps_left[line], low[along], high[along]
-                slid_inside(asked, along, shape, cells, sets, pool, seen, out[line, j])
+                slid_inside(own, left, near, far, along, rows, bit, past, cells, sets, pool, seen, out[line, j])
         begin = end
 
 
@@ -664,20 +678,19 @@ def same_line(cell, other, along):
 
 
 @kernel(**UNCOUNTED)
-def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
+def slid_inside(own, steps_left, low, high, along, rows, bit, past, cells, sets, pool, seen, out):
     """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set.
 
     out (M,) bool. cells : the `Cells`. sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ...
     steps to go, and the blocks.
 
-    asked : the indices on the axis of the line's cells (M,), their steps to go (M,), and the first and the last cell of
-        an image there, as offsets.
-    shape : the rows (R,) of a slice of an image, as if at index 0 on the axis, and the first cell and the one past the
-        last on the last axis.
+    own, steps_left (M,) : the indices on the axis of the line's cells, and their steps to go. low, high : the first and
+        the last cell of an image there, as offsets.
+    rows (R,) : those of a slice of an image, as if at index 0 on the axis. bit, past : its first cell and the one past
+        the last on the last axis.
     seen (n, 3) : for each set the first slice that was looked at, the last one, or -2 if there is none, and the last
         that is not in the set; in place.
     """
-    (own, steps_left, low, high), (rows, bit, past) = asked, shape
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]
     for axis in range(along + 1, cells.counts.size - 1):
         stride *= cells.counts[axis]

@@ -303,14 +303,13 @@ def _interpolated(tables, first, lookup, position, corner):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _gridded(lookup, places, tables, scratch, place, out, count, corners):
+def _gridded(lookup, places, tables, scratch, place, out, count, position, corner):
     """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; NaN for NaN.
 
     lookup, places, tables : the table's rows, and the array, of `Tape`.
     scratch, place : the coordinates are the rows place[slot] of scratch, of the slots in `lookup`.
-    out : (at least `count`,), overwritten. corners : two arrays that are overwritten, (6,) and (64,), as of `work_for`.
+    out : (at least `count`,), overwritten, as are position (6,) and corner (64,).
     """
-    position, corner = corners
     for m in range(count):
         fine = True
         for axis in range(lookup[0]):
@@ -320,30 +319,39 @@ def _gridded(lookup, places, tables, scratch, place, out, count, corners):
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
+class Work(NamedTuple):
+    """Arrays that playing a tape overwrites; made by `work_for`.
+
+    rows : (slots + 1, points), of numbers. place : (slots,), which row each slot is. position, corner : (6,), (64,),
+    for look-ups in tables.
+    """
+
+    rows: Any
+    place: Any
+    position: Any
+    corner: Any
+
+
 @kernel(nogil=True)
 def work_for(slots, points):
-    """New arrays, not initialised, to play tapes at so many points at a time: (rows, place, corners).
-
-    rows (slots + 1, points), of numbers; place (slots,), which row each slot is; corners, two arrays for look-ups. They
-    serve any tape with at most as many slots.
-    """
-    return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
+    """The new `Work`, not initialised, to play tapes with at most so many slots at so many points at a time."""
+    return Work(np.empty((slots + 1, points)), np.empty(slots, np.int64), np.empty(6), np.empty(64))
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def play_with_scratch(tape, points, parameters, out, start, stop, work):
+def play_with_scratch(ints, floats, first, points, parameters, out, start, stop, work):
     """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], in place.
 
     Returns 0 where all of these are finite, else NaN.
 
-    tape : (ints, floats, first), packed arrays and the number of the tape's code among them. parameters (P,) : those
-        that the tape reads. out (K, M) : for its K results.
-    work : arrays of `work_for`, overwritten, with room for the tape's slots and for min(BLOCK, stop - start) points,
-        which is not checked.
+    ints, floats, first : packed arrays and the number of the tape's code among them. parameters (P,) : those that the
+        tape reads. out (K, M) : for its K results.
+    work : a `Work`, overwritten, with room for the tape's slots and for min(BLOCK, stop - start) points, which is not
+        checked.
     """
     # A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
     # overwritten.
-    (ints, floats, first), (scratch, place, corners) = tape, work
+    scratch, place = work.rows, work.place
     spare, total = slots_of(ints, np.int64(first)), 0.0
     for slot in range(spare):
         place[slot] = slot
@@ -363,7 +371,7 @@ def play_with_scratch(tape, points, parameters, out, start, stop, work):
                     scratch[spare, m] = number
             elif op == GRIDDED:
                 lookup, there = lookups[14 * a : 14 * a + 14], places[12 * a : 12 * a + 12]
-                _gridded(lookup, there, tables, scratch, place, scratch[spare], count, corners)
+                _gridded(lookup, there, tables, scratch, place, scratch[spare], count, work.position, work.corner)
             else:
                 i, last = place[a], place[code[5 * k + 4]] if op == WHERE else 0
                 _values(op, scratch, i, place[code[5 * k + 3]], spare, int(value[k]), last, count)
@@ -386,7 +394,7 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
         tape reads.
     """
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
-    return play_with_scratch((ints, floats, first), points, parameters, out, start, stop, work)
+    return play_with_scratch(ints, floats, first, points, parameters, out, start, stop, work)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
@@ -667,15 +675,14 @@ def _is_constant(row):
 
 
 @kernel(nogil=True, error_model="numpy")
-def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
+def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
     """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], rounded outward.
 
     Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
 
-    tape : (ints, floats), of a tape alone. facts (operations, COLUMNS) : what is known of each operation.
+    ints, floats : of a tape alone. facts (operations, COLUMNS) : what is known of each operation.
     low, high (M, C) : the boxes. ends (2, P) : the least and the greatest value of each parameter. out (2, K, M).
     """
-    ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
     slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)
     value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
@@ -731,7 +738,7 @@ def play_bounds(
     facts (operations, COLUMNS) : what is known of each operation. ends (2, P) : the least and the greatest value of
         each parameter.
     """
-    arguments = (tuple(tape), facts, low, high, ends, out)
+    arguments = (*tape, facts, low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:
         play_bounds_part(*arguments, 0, len(low))
     else:

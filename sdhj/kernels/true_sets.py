@@ -7,6 +7,8 @@ are formulas, `sdhj.kernels.lookup.decide` plays these and does all rounds in on
 evaluates between them.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
@@ -20,12 +22,8 @@ UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
 TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 
-@kernel(nogil=True)
-def samples_for(states, inputs, count, ndim, sets):
-    """New arrays for the check of R states by the true sets, seven, in the order in which they stand below.
-
-    states : R. inputs : L. count : how many points are looked at for a state and an input: 1, or the instants of the
-    path, the state, and 2^ndim corners. sets : how many unsafe sets there are.
+class Samples(NamedTuple):
+    """Arrays for the check of R states by the true sets; made by `samples_for`.
 
     In points, past, unsafe_values and target_values, the `count` points of each state that waits stand one behind the
     other, in the order of the queue.
@@ -37,13 +35,30 @@ def samples_for(states, inputs, count, ndim, sets):
     past (R count,) : 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one;
         else 0.
     unsafe_values (sets, R count), target_values (1, R count) : the values of the unsafe sets and, at state and corners,
-        of the target; `target_values` is 0 at first, the others are not initialised.
+        of the target.
+    """
+
+    queue: Any
+    verdicts: Any
+    hazard: Any
+    points: Any
+    past: Any
+    unsafe_values: Any
+    target_values: Any
+
+
+@kernel(nogil=True)
+def samples_for(states, inputs, count, ndim, sets):
+    """The new `Samples` of R states: `target_values` is 0, the others are not initialised.
+
+    states : R. inputs : L. count : how many points are looked at for a state and an input: 1, or the instants of the
+    path, the state, and 2^ndim corners. sets : how many unsafe sets there are.
     """
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, target_values = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
     for i in range(size):
         target_values[0, i] = 0.0
-    return queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), target_values
+    return Samples(queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), target_values)
 
 
 @kernel(**UNCOUNTED)
@@ -52,7 +67,7 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
     Distances are counted in cells of `spacing` (ndim,). boxed : as if each segment were the box around it.
 
-    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there. j : the input. corner : a bit
+    ends, column : what inputs lead to (`Leads`), and the state's column there. j : the input. corner : a bit
         for each axis, the first one highest; 1 is the upper side.
     """
     far = 0.0
@@ -78,17 +93,17 @@ def _clip_and_wrap(x, axis, lattice, faces):
 
 
 @kernel(**UNCOUNTED)
-def _place_corners(at, state, j, box, lattice, faces, samples):
+def _place_corners(at, state, j, ends, column, lattice, faces, points, past):
     """Write the 2^ndim corners of the sum of a box and segments of input j around a state to points[at:].
 
     And to past[at:] 1 where a corner is behind a safe end, else 0. The segments count as boxes where a wall may hold a
     state (`is_held`).
 
-    box : (ends, column), of `lookup.decide`, and the state's column there. lattice, faces (6 ndim,) : between which
-        corners are clipped, as in `_clip_and_wrap`. samples : (points, past), in place.
+    ends, column : what inputs lead to (`Leads`), and the state's column there. lattice, faces (6 ndim,) : between which
+        corners are clipped, as in `_clip_and_wrap`.
     """
     # A function of its own, as otherwise all boxes would pay for it in `place_points`.
-    (ends, column), (points, past), ndim = box, samples, state.size
+    ndim = state.size
     boxed = is_held(state, ends, column, j, faces[4 * ndim :])
     for corner in range(1 << ndim):
         out = False
@@ -101,17 +116,16 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
 
 
 @kernel(**UNCOUNTED)
-def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
+def _place_cut_corners(at, state, j, ends, column, normals, lattice, faces, points, past):
     """Write where planes first cut the lines from the middle of input j's box to its corners to points[at:].
 
     2^ndim points; the corner itself where no plane cuts its line, or a wall may hold a state. And to past[at:] 1 where
     a point is behind a safe end, else 0.
 
-    box : (ends, column), of `lookup.decide`, and the state's column there. normals (K, ndim) : of the planes.
-    lattice, faces (6 ndim,) : between which points are clipped, as in `_clip_and_wrap`. samples : (points, past), in
-        place.
+    ends, column : what inputs lead to (`Leads`), and the state's column there. normals (K, ndim) : of the planes.
+    lattice, faces (6 ndim,) : between which points are clipped, as in `_clip_and_wrap`.
     """
-    (ends, column), (points, past), ndim = box, samples, state.size
+    ndim = state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
     for corner in range(1 << ndim):
         share, out = 1.0, False
@@ -133,7 +147,7 @@ def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
 
 
 @kernel(**UNCOUNTED)
-def place_points(at, state, j, box, normals, lattice, look, samples):
+def place_points(at, state, j, ends, column, normals, lattice, times, faces, points, past):
     """Write the points at which the true sets are evaluated for input j from a state to points[at:], with their times.
 
     These are the path without an adversary, the state, and the corners of what the input leads to. To past[at:] 1 is
@@ -142,11 +156,9 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
     With one time only the state is looked at.
 
-    box : (ends, column), of `lookup.decide`, and the state's column there. normals (K, ndim) : of planes, or None.
-    look : (times, faces), of the points, and between which they are clipped, as in `_clip_and_wrap`. samples : (points,
-        past), in place.
+    ends, column : what inputs lead to (`Leads`), and the state's column there. normals (K, ndim) : of planes, or None.
+    times : of the points. faces (6 ndim,) : between which they are clipped, as in `_clip_and_wrap`.
     """
-    (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
         sample, share = at + (last if i == 0 else i - 1 if i <= last else i), i / CHECKED_INSTANTS
@@ -166,10 +178,10 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
         points[sample, ndim] = times[sample - at]
     if normals is not None:
         if times.size > 1:
-            _place_cut_corners(at + last + 1, state, j, box, normals, lattice, faces, samples)
+            _place_cut_corners(at + last + 1, state, j, ends, column, normals, lattice, faces, points, past)
         return
     if ends.shape[0] > PATH and times.size > 1:
-        _place_corners(at + last + 1, state, j, box, lattice, faces, samples)
+        _place_corners(at + last + 1, state, j, ends, column, lattice, faces, points, past)
 
 
 @kernel(**UNCOUNTED)
@@ -199,7 +211,7 @@ def next_input(known, safe, scores, margins, hazard, first):
 
 
 @kernel(nogil=True, **UNCOUNTED)
-def propose(waiting, within, states, rows, packs, reach_and_scores, out, samples):
+def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
     """Write for each state that waits the input to look at next to `best`, and its points to `samples`.
 
     Returns how many states still wait, which are first in the queue then; the answer of the others is final. After
@@ -210,11 +222,12 @@ def propose(waiting, within, states, rows, packs, reach_and_scores, out, samples
         times), all inputs pass.
     within : inputs are judged for as many steps to go, at least. states (M, ndim), rows (R,) : all states, and the
         numbers of those at hand.
-    packs, reach_and_scores, out : (ints, floats), (ends, scores, normals) and (to_go, safe, margins, best), as
-        `lookup.decide` describes them. samples : what `samples_for` returned, in place.
+    ints, floats : what is `packed` of the problem. leads : a `Leads`. out : an `Answers`. samples : a `Samples`, in
+        place.
     """
-    (to_go, safe, margins, best), (queue, verdicts, hazard, points, past, _, _) = out, samples
-    (ints, floats), (ends, scores, normals) = packs, reach_and_scores
+    to_go, safe, margins, best = out
+    queue, verdicts, hazard, points, past, _, _ = samples
+    ends, scores, normals = leads
     lattice, some = unpacked_lattice(ints, floats), 0
     times, faces = part(ints, floats, CHECK_TIMES), part(ints, floats, AT_FACES)
     if waiting < 0:
@@ -229,8 +242,8 @@ def propose(waiting, within, states, rows, packs, reach_and_scores, out, samples
         j = next_input(verdicts[r], safe[m], scores[m], margins[m], hazard[r], queue[1, r])
         best[m], queue[1, r] = j, j if queue[1, r] < 0 else queue[1, r]
         if verdicts[r, j] == UNKNOWN:
-            box = ends, r if ends.shape[3] > 1 else 0
-            place_points(some * times.size, states[m], j, box, normals, lattice, (times, faces), (points, past))
+            at, column = some * times.size, r if ends.shape[3] > 1 else 0
+            place_points(at, states[m], j, ends, column, normals, lattice, times, faces, points, past)
             queue[0, some] = r
             some += 1
     return some
@@ -245,9 +258,10 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 
     rows (R,), best (M,) : the numbers of the states at hand, and for each state the input that is looked at.
     count : how many points each state has. under (sets * L,) : for each set and input 1 or 0, or -1 where the set is
-        unsafe under all; of length 0 if all sets are. samples : what `samples_for` returned, filled by `evaluate`.
+        unsafe under all; of length 0 if all sets are. samples : a `Samples`, filled by `evaluate`.
     """
-    (queue, verdicts, _, _, past, unsafe_values, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
+    queue, verdicts, past, unsafe_values = samples.queue, samples.verdicts, samples.past, samples.unsafe_values
+    last = CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
     for p in range(under.size // inputs):
         for k in range(waiting if under[p * inputs] >= 0 else 0):
@@ -276,10 +290,10 @@ def judge(waiting, rows, checks, count, out, samples):
     waiting : how many states wait. rows (R,) : the numbers of the states at hand. checks : `TRUE_SETS_TOO`, or
         `TRUE_SETS_ONLY`: then of a lost state only to_go says so, and safe, margins and best are not reset.
     count : how many points each state has, 1 for the state alone.
-    out : (to_go, safe, margins, best), as of `lookup.decide`, in place. samples : what `samples_for` returned;
-        verdicts and queue are written.
+    out : an `Answers`, in place. samples : a `Samples`; verdicts and queue are written.
     """
-    (to_go, safe, margins, best), (queue, verdicts, _, _, past, unsafe_values, target_values) = out, samples
+    to_go, safe, margins, best = out
+    queue, verdicts, _, _, past, unsafe_values, target_values = samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
     for k in range(waiting):
         r, m = queue[0, k], rows[queue[0, k]]
@@ -307,27 +321,28 @@ def judge(waiting, rows, checks, count, out, samples):
 
 
 @kernel(**UNCOUNTED)
-def evaluate(waiting, rows, packs, times, out, samples, work):
+def evaluate(waiting, rows, ints, floats, times, out, samples, work):
     """Play the unsafe sets, and the target where it matters, at the points of the first `waiting` states in the queue.
 
     Writes their values to `unsafe_values` and `target_values` of `samples`, with what `heed_inputs` undoes; returns
     whether all are finite. If not, not all are written.
 
-    waiting : how many states wait. rows (R,) : the numbers of the states at hand. packs, out : (ints, floats) and
-        (to_go, safe, margins, best), as `lookup.decide` describes them. times (count,) : of the points of a
-        state. samples : what `samples_for` returned, with the points of `propose`. work : of `tape.work_for`, with room
-        for both tapes.
+    waiting : how many states wait. rows (R,) : the numbers of the states at hand. ints, floats : what is
+        `packed` of the problem. times (count,) : of the points of a state. out : an `Answers`. samples : a `Samples`,
+        with the points of `propose`. work : a `Work` with room for both tapes.
     """
     # The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
-    (ints, floats), (queue, _, _, points, _, unsafe_values, target_values), to_go = packs, samples, out[0]
+    queue, points, target_values, none = samples.queue, samples.points, samples.target_values, np.int64(0)
+    unsafe, target, end = np.int64(AT_UNSAFE), np.int64(AT_TARGET), waiting * times.size
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
-    unsafe, target = (ints, floats, np.int64(AT_UNSAFE)), (ints, floats, np.int64(AT_TARGET))
-    if play_with_scratch(unsafe, points, times, unsafe_values, np.int64(0), waiting * count, work) != 0.0:
+    if play_with_scratch(ints, floats, unsafe, points, times, samples.unsafe_values, none, end, work) != 0.0:
         return False
-    heed_inputs(waiting, rows, count, part(ints, ints, AT_UNDER), out[3], samples)
+    heed_inputs(waiting, rows, count, part(ints, ints, AT_UNDER), out.best, samples)
     for k in range(waiting if length(ints, np.int64(AT_TARGET + RESULTS)) > 0 else 0):
-        start = k * count + last + (to_go[rows[queue[0, k]]] != 0)
+        start = k * count + last + (out.to_go[rows[queue[0, k]]] != 0)
         stop = (k + 1) * count if queue[2, queue[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_with_scratch(target, points, times, target_values, start, stop, work) != 0.0:
+        if start >= stop:
+            continue
+        if play_with_scratch(ints, floats, target, points, times, target_values, start, stop, work) != 0.0:
             return False
     return True

@@ -52,6 +52,36 @@ class StoredTubes(NamedTuple):
     moving_axes: Any
 
 
+class Leads(NamedTuple):
+    """What each input can lead to, and which inputs are preferred.
+
+    ends : (4 + K, L, ndim, 1 or R), relative to the state: the lower and the upper corner of a box that, with K
+        segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where states are in no sum of
+        a box and segments, but between planes: behind the path the greatest n . x for each normal n, `ndim` of these in
+        a term.
+    scores : (M, L), the safe input of least score is preferred, of equals that of least margin.
+    normals : (K', ndim), of the planes, or None.
+    """
+
+    ends: Any
+    scores: Any
+    normals: Any
+
+
+class Answers(NamedTuple):
+    """What look-ups say of M states: written in place.
+
+    to_go : (M,), the fewest steps to go, -1 where no tube holds the state. safe : (M, L), False there and at the last
+        step. margins : (M, L), inf there. best : (M,), the preferred input, -1 there.
+    """
+
+    to_go: Any
+    safe: Any
+    margins: Any
+    best: Any
+
+
 class LookupScratch(NamedTuple):
     """Arrays that a look-up overwrites; made by `working_room`.
 
@@ -164,7 +194,7 @@ def _maximum_along_axis(values, source, nodes, rest, near, far):
 def _spread(ends, column, j, axis):
     """How far the segments of input j together lead along an axis to either side: sum of |half|, 0 without any.
 
-    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there.
+    ends, column : what inputs lead to (`Leads`), and the state's column there.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -177,7 +207,7 @@ def is_held(state, ends, column, j, held):
     """Whether input j may lead past a wall: then a state may end outside the sum of its segments, or its planes.
 
     held (2 ndim,) : the lower walls, then the upper ones, infinite where there are none.
-    ends : of `lookup.decide`, what inputs lead to; for planes its first `PATH` terms, the box, alone. With segments,
+    ends : what inputs lead to (`Leads`); for planes its first `PATH` terms, the box, alone. With segments,
         axes along which none of them leads do not count.
     column : the state's in `ends`. j : the input.
     """
@@ -196,7 +226,7 @@ def _count_points(state, ends, column, lattice, scratch):
     Returns the most points that the sum of one input's segments has. Points are no farther apart than half a cell of
     the lattice. The box is taken where there would be more than `MOST_POINTS`, or a wall may hold a state.
 
-    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there. scratch : a `LookupScratch`.
+    ends, column : what inputs lead to (`Leads`), and the state's column there. scratch : a `LookupScratch`.
     """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
@@ -219,8 +249,8 @@ def _write_boxes_at_point(point, ends, column, scratch):
 
     Where an input's box is taken, as `_count_points` has written to `scratch`, around the whole of its segments.
 
-    point : from 0 on; an input with fewer points is looked at again at earlier ones. ends, column : of `lookup.decide`,
-        what inputs lead to, and the state's column there.
+    point : from 0 on; an input with fewer points is looked at again at earlier ones. ends, column : what inputs lead to
+        (`Leads`), and the state's column there.
     """
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
@@ -245,7 +275,7 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
     0 where its box is taken. Returns (last, most): the last axis that a plane is not parallel to, along which there is
     one slab, and the most slabs of an input. Slabs are a quarter of a cell of the lattice thick.
 
-    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there. normals (K, ndim) : of the
+    ends, column : what inputs lead to (`Leads`), and the state's column there. normals (K, ndim) : of the
         planes. scratch : a `LookupScratch`.
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
@@ -272,7 +302,7 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
 
     Where nothing lies in the slab, the middle of the box, which is always between the planes.
 
-    last, moved[2] : as `_count_slabs` returned and wrote them. ends, column : of `lookup.decide`, what inputs lead to,
+    last, moved[2] : as `_count_slabs` returned and wrote them. ends, column : what inputs lead to (`Leads`),
         and the state's column there. normals (K, ndim) : of the planes. lattice : the grid.
     """
     for j in range(ends.shape[1]):
@@ -304,20 +334,19 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, box, normals, space, out):
+def _worst_values(values, state, ends, column, normals, order, lattice, scratch, out):
     """out[j] = the maximum of the interpolated values (size,) over what input j leads to from a state: its margin.
 
     What it leads to is a box or, where something moves several axes, the sum of a box and segments, points of which are
     looked at, or what lies between planes, cut into slabs; the box around these where a wall may hold a state, or there
     are too many.
 
-    box : (ends, column), of `lookup.decide`, what inputs lead to, and the state's column there.
+    ends, column : what inputs lead to (`Leads`), and the state's column there.
     normals (K, ndim) : of the planes; None where states are not between planes.
-    space : (order, lattice, scratch): in which order maxima are taken along the axes, the grid, and a `LookupScratch`
-        whose hull holds all boxes. out (L,) : overwritten.
+    order : in which maxima are taken along the axes. lattice : the grid. scratch : a `LookupScratch` whose hull holds
+        all boxes. out (L,) : overwritten.
     """
     # What is for planes alone is not compiled where normals is None.
-    (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
     if normals is not None:
@@ -412,15 +441,15 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
 
 
 @kernel(**UNCOUNTED)
-def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
+def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order, lattice, scratch, out):
     """Write to entry m of `out` the answers for the state states[m] by the tubes alone, not by the true sets.
 
-    when : (step, within), within at least 1. box : (ends, column), of `lookup.decide`, what inputs lead to, and the
-        state's column there. normals : of planes, or None.
-    space : (order, lattice, scratch), the order in which maxima are taken along the axes, the grid, and a
-        `LookupScratch` whose hull holds the boxes. out : (to_go, safe, margins, best), as of `lookup.decide`.
+    within : at least 1. ends, column : what inputs lead to (`Leads`), and the state's column there. normals : of
+        planes, or None.
+    order : in which maxima are taken along the axes. lattice : the grid. scratch : a `LookupScratch` whose hull holds
+        the boxes. out : an `Answers`.
     """
-    (_, lattice, scratch), (to_go, safe, margins, best), (step, within) = space, out, when
+    to_go, safe, margins, best = out
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
@@ -434,7 +463,7 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
-    _worst_values(tube, state, box, normals, space, margins[m])
+    _worst_values(tube, state, ends, column, normals, order, lattice, scratch, margins[m])
     best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m])
 
 
@@ -444,7 +473,7 @@ def hull_of(ends, column, spacing, hull):
 
     Returns an upper bound on how many nodes it touches, with one more on each axis.
 
-    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there; for planes its first `PATH`
+    ends, column : what inputs lead to (`Leads`), and the state's column there; for planes its first `PATH`
         terms alone. spacing (ndim,) : of the nodes.
     """
     size = 1.0
@@ -513,15 +542,14 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 
 @kernel(**UNCOUNTED)
-def _interpolated(where, row, tubes, lattice, scratch, found):
+def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found):
     """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `nodes_around` and `weighted`.
 
     In loops that vectorise.
 
-    row, found : (m,), of at most BLOCK points. lattice : the grid. scratch : arrays that are overwritten, see
-        `tube_values`.
+    row, found : (m,), of at most BLOCK points. lattice : the grid.
+    sides (2, BLOCK), index (2^ndim, BLOCK), share (1, BLOCK), weight (2^ndim, BLOCK) : overwritten.
     """
-    (sides, index), (share, weight) = scratch
     here, there, count = sides[0], sides[1], found.size
     index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
     for axis in range(where.shape[1]):
@@ -551,10 +579,10 @@ def tube_values(points, places, tubes, ints, floats, out):
     """
     (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)
-    whole, shares = np.empty((2 + (1 << ndim), BLOCK), np.int64), np.empty((1 + (1 << ndim), BLOCK))
-    scratch = (whole[:2], whole[2:]), (shares[:1], shares[1:])
+    sides, index = np.empty((2, BLOCK), np.int64), np.empty((1 << ndim, BLOCK), np.int64)
+    share, weight = np.empty((1, BLOCK)), np.empty((1 << ndim, BLOCK))
     for at in range(0, found.size, BLOCK):
         end = min(at + BLOCK, found.size)
         for m in range(end - at):
             row[m] = places[(at + m) // each]
-        _interpolated(where[at:end], row, tubes, lattice, scratch, found[at:end])
+        _interpolated(where[at:end], row, tubes, lattice, sides, index, share, weight, found[at:end])

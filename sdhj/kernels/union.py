@@ -37,13 +37,27 @@ class AvoidRows(NamedTuple):
     moving_at: FloatArray
 
 
+class InPieces(NamedTuple):
+    """Reach sets of some inputs, each the least of some pieces, for each line of `nodes` nodes along the last axis.
+
+    Piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
+    values, and of them at[p, i] belong to line i of the grid.
+    """
+
+    values: FloatArray
+    begin: FloatArray
+    at: FloatArray
+    width: FloatArray
+    nodes: int
+
+
 @_inlined
 def _write_reach_row(out, reach_sets, j, row):
     """Write row number `row` of the reach set of an input to out (B + PAST,), in place.
 
     j : the input's number among those in `reach_sets`, which are as for `add_inputs`.
     """
-    if len(reach_sets) == 5:
+    if len(reach_sets) == 5:  # an `InPieces`; this is decided when it is compiled
         _write_minimum_row(out, reach_sets, j, row)
     else:
         values, parent, which, taps, weight, between, point = reach_sets  # no tuple may stand in another here
@@ -67,8 +81,8 @@ def _write_maximum_row(out, values, leaves, j, row):
 def _write_minimum_row(out, reach_sets, j, row):
     """Write row number `row` of a reach set, the minimum of some pieces, to out (B + PAST,), in place.
 
-    Line by line, in whole vectors: what is written beyond a line's end is overwritten by the next line. reach_sets :
-    the second form of `add_inputs`. j : the number of the input among them.
+    Line by line, in whole vectors: what is written beyond a line's end is overwritten by the next line. reach_sets : an
+    `InPieces`. j : the number of the input among them.
     """
     values, begin, at, width, nodes = reach_sets
     lines = (out.size - PAST) // nodes
@@ -133,13 +147,13 @@ def _join(tube, marks, reach_sets, row_values):
 
 
 @kernel(**UNCOUNTED)
-def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch):
+def _add_to_row(tube, marks, reach_sets, first, end, avoid_rows, before, row, found, row_values):
     """Do what `add_inputs` does, whose arguments these are, for row number `row` and some inputs, in place.
 
-    which : (first, end), the inputs from first to end - 1; reach_sets are of the inputs from first on.
-    scratch : eight rows (8, B + PAST) and eight `row_values` (8,), overwritten.
+    first, end : the inputs from first to end - 1; reach_sets are of the inputs from first on.
+    found (8, B + PAST), row_values (8,) : overwritten.
     """
-    (found, row_values), (first, end), size = scratch, which, tube.shape[1]
+    size = tube.shape[1]
     for i in range(size):
         tube[row, i] = before[row, i]
     for byte in range(first // EIGHT, (end + EIGHT - 1) // EIGHT):
@@ -161,12 +175,8 @@ def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before):
     """tube = min(before, max(reach_j, avoid_j)) for `count` inputs j from `first` on, and marks where max(...) <= 0.
 
     tube (R, B), marks (bytes, R, B) uint8 : the grid in rows, both modified in place. before (R, B) : may be `tube`.
-    reach_sets : of the inputs from `first` on, in one of two forms.
-        (values, *leaves), as `maximum_of_intervals` takes them; rows are parts of what lies behind the axis of the
-        intervals.
-        (values, begin, at, width, nodes), the least of some pieces, for each line of `nodes` nodes along the last axis:
-        piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
-        values, and of them at[p, i] belong to line i of the grid.
+    reach_sets : of the inputs from `first` on, an `InPieces`; or (values, *leaves), as `maximum_of_intervals` takes
+        them: rows are parts of what lies behind the axis of the intervals.
     avoid_rows : the `AvoidRows`.
     """
     rows, size = tube.shape
@@ -174,4 +184,4 @@ def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before):
     for block in prange(blocks):
         found, row_values = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
         for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
-            _add_to_row(tube, marks, reach_sets, (first, first + count), avoid_rows, before, row, (found, row_values))
+            _add_to_row(tube, marks, reach_sets, first, first + count, avoid_rows, before, row, found, row_values)

@@ -37,20 +37,20 @@ def slot_of(number, keys):
 
 
 @kernel(nogil=True)
-def look_up(states, cells, slack, kept, within, most, out, missing):
-    """Write to `out` what the words say of the cells within slack (ndim,) of each state (M, ndim).
+def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen, missing):
+    """Write what the words say of the cells within slack (ndim,) of each state (M, ndim) to to_go, safe and chosen.
 
     Returns how many numbers were written to `missing`. If several cells are near a state, those count from which the
     inputs have the fewest steps to go, at least `within`: their inputs are united, and the first one's choice is the
     state's. Words with more than `most` steps say nothing.
 
-    kept : (keys (K,), words (K, 2 + ...)), the hash table.
-    out : (to_go (M,), safe (M, L), chosen (M,)), overwritten; -1 where there is nothing. Not to be used while a word is
+    keys (K,), words (K, 2 + ...) : the hash table.
+    to_go (M,), safe (M, L), chosen (M,) : overwritten; -1 where there is nothing. Not to be used while a word is
         missing.
     missing (n,) : overwritten with the numbers of cells that have no word, as many as there is room for; a number may
         come twice.
     """
-    (keys, words), (to_go, safe, chosen), lacks = kept, out, 0
+    lacks = 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
         to_go[m], safe[m], chosen[m], fewest = -1, False, -1, most + 1

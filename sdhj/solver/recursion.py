@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdhj.kernels import FloatArray, read_only
-from sdhj.kernels.union import AvoidRows, add_inputs
+from sdhj.kernels.union import AvoidRows, InPieces, add_inputs
 from sdhj.problem.boxes import Maxima, one_by_one
 from sdhj.problem.findings import tell
 from sdhj.problem.grid import Grid
@@ -155,12 +155,10 @@ class InputRows:
         return np.broadcast_to(numbers, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """Where the kernel `add_inputs` finds reach sets that are given in pieces: (begin, at, width, nodes).
+        """Where the kernel `add_inputs` finds reach sets that are given in pieces: `InPieces` without its values.
 
         The pieces lie one after the other in a flat array. A line of the grid is all nodes of its last axis or, if
-        there is one piece, on all axes, a row; `nodes` is how many. The values of piece p and input j begin at
-        begin[p, j]; of them, width[p] (1 or `nodes`) are for one line, and at[p, i] says which these are for line i of
-        the grid. Computed once for each pair of arguments.
+        there is one piece, on all axes, a row. Computed once for each pair of arguments.
 
         axes : for each piece the axes that it depends on. number : of how many inputs each piece has the functions.
         """
@@ -202,7 +200,7 @@ class InputRows:
             found: tuple[Any, ...] = (reach_sets.split, *reach_sets.leaves)
         else:
             flat = reach_sets.pieces[0].reshape(-1) if reach_sets.flat is None else reach_sets.flat
-            found = (flat, *self._lines(tuple(reach_sets.axes), reach_sets.number))
+            found = InPieces(flat, *self._lines(tuple(reach_sets.axes), reach_sets.number))
         static, moving = self.static, self.tubes.moving[step]
         avoid_rows = AvoidRows(
             self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.row_widths[1]), self.moving_at

@@ -341,7 +341,7 @@ def evolve(
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
         """One stage, into `out`: keep out + (1 - keep) (source + dt H(source, now)), >= the obstacle at `then`."""
-        stage(source, out, obstacle_at(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        stage(source, out, obstacle_at(then), terms(now), order, flux, layout, kind(dt), kind(keep))
         if most.size:
             np.minimum(out, most, out=out)
 

@@ -10,7 +10,7 @@ from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Packable, Tape, packed
 from sdhj.kernels.true_sets import CHECKED_INSTANTS, TRUE_SETS_TOO, heed_inputs, judge, propose, samples_for
-from sdhj.kernels.tubes import CHECK_TIMES
+from sdhj.kernels.tubes import CHECK_TIMES, Answers, Leads
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
@@ -93,12 +93,12 @@ def choose_by_true_sets(
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points
-    out = batch.steps_to_go, batch.safe, batch.margins, batch.best
+    out = Answers(batch.steps_to_go, batch.safe, batch.margins, batch.best)
     sets = 1 + conditional(problem)  # all together; and those that are unsafe under some inputs
     under = np.repeat(np.array([-1, 1]), len(problem.inputs))
     samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)
     queue, _, hazard, points, _, unsafe_values, target_values = samples
-    given = batch.within, batch.states, rows, (ints, floats), (ends, scores, table.normals), out, samples
+    given = batch.within, batch.states, rows, ints, floats, Leads(ends, scores, table.normals), out, samples
     waiting = propose(-1, *given)
     while waiting:
         some, at = queue[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]
@@ -108,7 +108,7 @@ def choose_by_true_sets(
             unsafe_values[1, : waiting * count] = np.where(found < unsafe_values[0, : waiting * count], found, np.inf)
             heed_inputs(waiting, rows, count, under, batch.best, samples)
         inside = target_values[0, : waiting * count].reshape(waiting, count)
-        for near, first, end in ((queue[2, some] == 0, here + 1, count), (out[0][rows[some]] == 0, here, here + 1)):
+        for near, first, end in ((queue[2, some] == 0, here + 1, count), (out.to_go[rows[some]] == 0, here, here + 1)):
             if near.any() and not problem.has_no_target:
                 met = at[near, first:end]
                 found = problem.target_value(met.reshape(-1, problem.grid.ndim), times[first])

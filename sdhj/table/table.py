@@ -241,10 +241,9 @@ class LookupTable(Table):
         The arguments are those of `sdhj.table.batches.Table._fill_in_and_check`, and ends (4 + K, L, ndim, 1 or R),
         what the inputs lead to from these rows, as `Interval.displacement_sets` returns it.
         """
-        when = batch.step, batch.within, self.steps, checks
+        asked, leads = (batch.states, rows, batch.step, batch.within, checks), (ends, scores, self.normals)
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best
-        packs = tuple(self.packed_at(batch.step))
-        return bool(decide(batch.states, rows, when, packs, self._stored, (ends, scores, self.normals), out))
+        return bool(decide(*asked, *self.packed_at(batch.step), self.steps, *self._stored, *leads, *out))
 
     @cached_property
     def _all_formulas(self) -> bool:
@@ -263,10 +262,10 @@ class LookupTable(Table):
 
     @cached_property
     def _stored(self) -> tuple[FloatArray, ...]:
-        """The arrays that compiled look-ups read, in the order of `StoredTubes`: views, nodes in one axis."""
+        """The arrays that compiled look-ups read, in the order of `StoredTubes`: read-only views, nodes in one axis."""
         inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
         static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
-        return self.index, tubes, self.marks, static, moving
+        return read_only(tuple(one.view() for one in (self.index, tubes, self.marks, static, moving)))  # one signature
 
     # ---- on disk
 

@@ -160,7 +160,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     inside, following = (rng.random(counts) < share for share in (0.5, 0.93))
     low = rng.integers(-4, 3, (4, 12, 3)).astype(np.int16)
     high = (low + rng.integers(0, [2, 8, 4], low.shape)).astype(np.int16)
-    clear = rng.integers(0, 16, (counts.prod(), 1)).astype(np.uint8)
+    clear = read_only(rng.integers(0, 16, (counts.prod(), 1)).astype(np.uint8))
     mode = "wrap" if periodic[2] else "edge"
     extended = to_words(np.pad(following.reshape(12, -1), [(0, 0), (64, 64)], mode=mode))
     found, near = to_words(inside.reshape(12, -1)), np.ones((12, -(-counts[2] // 64)), np.bool_)

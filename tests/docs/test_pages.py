@@ -261,6 +261,7 @@ def test_the_picture_shows_a_run_that_arrives(recipes: dict[str, Any]) -> None:
     assert any((one.get_gid() or "").startswith("tube") for one in recipes["ax"].collections + recipes["ax"].patches)
 
 
+@pytest.mark.slow
 def test_a_robot_that_measures_with_an_error_is_promised_less(recipes: dict[str, Any]) -> None:
     action, real = recipes["action"], recipes["real"]
     exact = sdhj.solve(replace(real.problem, sensing=sdhj.Sensing()), progress=False, play=False)
@@ -268,6 +269,7 @@ def test_a_robot_that_measures_with_an_error_is_promised_less(recipes: dict[str,
     assert 0.1 < real.fraction(start=0, within=48) < exact.fraction(start=0, within=48)
 
 
+@pytest.mark.slow
 def test_the_filter_lets_through_what_is_safe(recipes: dict[str, Any]) -> None:
     controller, answer = recipes["controller"], recipes["answer"]
     assert answer.commands.tolist() == [0.5, 0.0] and answer.promised and not answer.changed
@@ -275,6 +277,7 @@ def test_the_filter_lets_through_what_is_safe(recipes: dict[str, Any]) -> None:
     assert before.overruled.tolist() == [True, False] and before.promised.all()
 
 
+@pytest.mark.slow
 def test_the_robot_has_an_answer_everywhere(recipes: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
     controller, act = recipes["controller"], recipes["act"]
     assert act([1.0, 1.5], 0) == controller.select([1.0, 1.5], 0)
@@ -284,6 +287,7 @@ def test_the_robot_has_an_answer_everywhere(recipes: dict[str, Any], capsys: pyt
     assert "nothing is promised at" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
     """How far the disturbances of the recipe reach in every direction: at least r, at most r / cos(22.5 degrees)."""
     (_, gain, bounds), directions = recipes["ball"].problem.dynamics.arrays, np.linspace(0.0, 2 * np.pi, 721)
@@ -294,6 +298,7 @@ def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
     assert boxed.fraction(start=0, within=48) < recipes["ball"].fraction(start=0, within=48)
 
 
+@pytest.mark.slow
 def test_the_cart_stays_on_its_rail(recipes: dict[str, Any]) -> None:
     """Full brakes from 1.9 m/s take 0.6 m of the 0.8: after an interval of what was wanted they would take too much."""
     safe, braked = recipes["safe"], recipes["braked"]
@@ -309,16 +314,19 @@ def test_the_long_horizon_is_long_enough(recipes: dict[str, Any]) -> None:
     assert longer.fraction(start=0, within=at_most + 10) == some_time.fraction(start=0, within=at_most)
 
 
+@pytest.mark.slow
 def test_nothing_passes_the_thin_fence(recipes: dict[str, Any]) -> None:
     fenced = recipes["fenced"]
     assert fenced.contains([[2.6, 1.5], [1.4, 1.5]], start=0, within=48).tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_the_wind_blows_one_way(recipes: dict[str, Any]) -> None:
     low, high = recipes["windy"].problem.interval(0).extremes(0.0)[:, 0]  # of the input that rests
     np.testing.assert_allclose([low, high], [[0.0, -0.1], [0.2, 0.1]], rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_wind_from_a_table_is_a_formula(recipes: dict[str, Any]) -> None:
     dynamics = recipes["gusty"].problem.dynamics
     low, high = dynamics.extremes(np.array([[2.0, 1.5], [1.0, 0.0]]), 0, 0.0).transpose(1, 0, 2)
@@ -327,6 +335,7 @@ def test_the_wind_from_a_table_is_a_formula(recipes: dict[str, Any]) -> None:
     assert recipes["gusty"].problem.opaque == {}
 
 
+@pytest.mark.slow
 def test_a_direction_that_is_turned_errs_to_the_safe_side(recipes: dict[str, Any]) -> None:
     """Every velocity that a turn by up to 0.2 rad gives lies in the box, whose sides are reached."""
     problem = recipes["skewed"].problem

@@ -276,9 +276,9 @@ def test_measured_updates_are_those_that_solving_makes(monkeypatch, kind):
     problem, counted = sdhj.arm_case_study(nodes=9, steps=2), []
     stage, add_inputs, usual = schemes.stage, recursion.add_inputs, choice(HAMILTONIANS, "godunov")
 
-    def staged(source, out, wall, terms, order, flux, layout, steps):
+    def staged(source, out, wall, terms, order, flux, layout, *steps):
         counted.append(len(layout.near) * layout.rows * layout.nodes)
-        stage(source, out, wall, terms, order, usual, layout, steps)
+        stage(source, out, wall, terms, order, usual, layout, *steps)
 
     def added(tube, marks, reach, inputs, *rest):
         counted.append(inputs * tube.size)

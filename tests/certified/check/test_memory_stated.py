@@ -13,7 +13,6 @@ PEAK = """
 import sys
 import sdhj.certified.check as check
 path, stated, real = sys.argv[1], [], check.expect_room
-check.verify(path, samples=10, progress=False)  # what is imported and compiled is no part of it
 check.expect_room = lambda needed: (stated.append(needed), real(needed))
 def told(name):
     with open("/proc/self/status") as file:
@@ -59,5 +58,5 @@ def test_a_check_takes_what_it_states(robot, tmp_path):
     done = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True)
     assert not done.returncode, done.stderr
     stated, taken = map(int, done.stdout.split())
-    # what the first check left to the process is taken again unseen
-    assert taken / 1.5 <= stated <= taken * 1.5 + 60e6, (stated / 1e6, taken / 1e6)
+    # of small files the tubes of all places, 32 MB, are most of what is stated, and they are not there all at once
+    assert taken / 1.5 <= stated <= taken * 1.5 + 32e6, (stated / 1e6, taken / 1e6)
