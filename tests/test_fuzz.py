@@ -15,8 +15,8 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -27,7 +27,6 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from solution_mutants import Endless, patience
 from toys import interval_problem, interval_table
 
 import sdhj
@@ -448,6 +447,26 @@ KINDS: dict[str, Callable[..., Any]] = {
 
 
 # ---- the judge
+
+
+class Endless(BaseException):
+    """A call that has not come to an end in time."""
+
+
+@contextmanager
+def patience(seconds: float) -> Iterator[None]:
+    """Raise `Endless` in what takes longer."""
+
+    def over(*_: Any) -> None:
+        raise Endless
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def judged(case: Case) -> tuple[str, str]:

@@ -14,7 +14,6 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 # Rooms whose extra may not be installed: alone these may be imported inside a function.
 OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["sdhj"]["optional"]
 COMPILERS = {"kernel", "njit"}
-SCREEN = 45  # lines of a function at most, but for its docstring
 
 
 @cache
@@ -107,16 +106,6 @@ def test_compiled_code_lies_with_the_kernels() -> None:
     for path in FILES:
         compiled = [one.name for one in functions(tree(path)) if decorators(one) & COMPILERS]
         assert not compiled or PACKAGE / "kernels" in path.parents, f"{path.name}: {compiled}"
-
-
-@pytest.mark.slow
-def test_functions_fit_on_a_screen() -> None:
-    spans = {
-        f"{path.name}: {one.name}": one.end_lineno - one.lineno + 1 - len((ast.get_docstring(one) or "").splitlines())
-        for path in FILES
-        for one in functions(tree(path))
-    }
-    assert {name: span for name, span in spans.items() if span > SCREEN} == {}
 
 
 def decorators(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:

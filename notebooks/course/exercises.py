@@ -19,7 +19,7 @@ In the notebook a stub is filled in by the reader and handed to the check on the
 It answers "not answered yet", "right", or what to look at; it never raises, so an unfinished notebook runs through.
 Until the answer is right the hint is folded below it. Not answered is what nobody has touched: half an answer, or a
 function without its `return`, is told so. Solutions stand in `solutions/solution_NN.py`: RIGHT maps each check to an
-answer it must accept, WRONG to answers it must refuse. The tests play both, and mutants of every solution.
+answer it must accept, WRONG to answers it must refuse. The tests play both.
 """
 
 import dis

@@ -30,26 +30,6 @@ def test_pages_quote_what_was_printed(page) -> None:
     assert keep.brought_up(text, QUOTED) == text
 
 
-def test_another_number_on_a_page_is_found() -> None:
-    page = SITE / "numbers.md"
-    text = page.read_text("utf-8")
-    for said, wrong in (
-        ("73.0% of all", "74.0% of all"),
-        ("| hji | worst | 50000 |", "| hji | worst | 60000 |"),
-        ("| hji | random | 50000 |", "| hji | random | 50001 |"),
-    ):
-        assert said in text
-        assert keep.brought_up(text.replace(said, wrong, 1), QUOTED) == text
-    with pytest.raises(ValueError, match="no line like '6 s more'"):
-        keep.brought_up("<!-- maze: some lines of `python x` -->\n```\n6 s more\n```", ["maze"])
-
-
-def test_every_table_of_numbers_names_its_command() -> None:
-    """But for the ones that a script writes whole, and includes."""
-    left = keep.MARK.sub("", (SITE / "numbers.md").read_text("utf-8"))
-    assert re.findall(r"^\|.*|^```\w*\n(?!$)[^`]+```", left, re.MULTILINE) == []
-
-
 def runs(adversaries: str) -> str:
     played = zip(column("certified", "adversary"), column("certified", "runs"), strict=True)
     return f"{sum(int(count) for adversary, count in played if re.fullmatch(adversaries, adversary)):,}"
@@ -99,12 +79,3 @@ def test_pictures_of_kept_commands_were_drawn_by_the_same_run() -> None:
                 assert image.info["printed"] == keep.digest(name), name
             drawn += 1
     assert drawn >= 2
-
-
-def test_lines_that_are_said_are_read_back(monkeypatch) -> None:
-    said: list[str] = []
-    monkeypatch.setattr(
-        fig14_timing, "seconds_of_a_thread", lambda problem, method: {"hji": 7.25}.get(method.name, 0.5)
-    )
-    measured = fig14_timing.measure((11,), said.append)
-    assert fig14_timing.printed(said) == {scheme: measured[scheme] for scheme in fig14_timing.SCHEMES}

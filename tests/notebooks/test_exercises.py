@@ -1,6 +1,5 @@
 """The exercises: each check accepts its solution, refuses wrong answers with a word, and stands in its chapter once."""
 
-import ast
 import importlib
 import re
 import runpy
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 from course import exercises
 from course.exercises import Check, exercise, expect, expect_close
-from solution_mutants import Solutions, names_in
 
 pytestmark = pytest.mark.slow  # what a reader is asked to compute takes a while
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
@@ -195,20 +193,3 @@ def test_every_exercise_has_one_hint_and_it_is_folded(path: Path) -> None:
     posed = dict(re.findall(r"^\*\*(\d+\.\d+) (.*?)(?=^\*\*\d+\.\d+ |\Z)", prose, re.MULTILINE | re.DOTALL))
     for check in checks(path.name[:2]):
         assert posed[check.number].count("<summary>Hint</summary>") + bool(check.help) == 1, check.number
-
-
-@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
-def test_every_solution_gives_a_reason(path: Path) -> None:
-    """A docstring of what is returned, or words above a number."""
-    chapter = path.name[:2]
-    source = (NOTEBOOKS / "solutions" / f"solution_{chapter}.py").read_text(encoding="utf-8")
-    given = Solutions(chapter)
-    for name, expression in given.answers.items():
-        for part in (given.parts[named] for named in names_in(expression) & given.parts.keys()):
-            above, line = source.splitlines()[part.lineno - 2 : part.lineno]
-            told = (
-                above.startswith("# ")
-                or "  # " in line
-                or (isinstance(part, ast.FunctionDef) and ast.get_docstring(part))
-            )
-            assert told, f"{name}: no reason for {ast.unparse(part)[:60]}"

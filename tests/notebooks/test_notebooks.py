@@ -139,19 +139,6 @@ def test_the_reading_list_has_each_source_once_and_none_that_nobody_cites() -> N
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
-def test_a_chapter_has_as_much_as_a_lecture(path: Path) -> None:
-    """Words, displayed formulas and lines of code as in good lectures; exercises are counted in test_exercises."""
-    cells = [cell.source for cell in read(path).cells if cell.cell_type == "code"]
-    stubs = [source for source in cells if re.search(r"^check_\w+\(", source, re.MULTILINE)]
-    lines = [line for source in cells if source not in stubs for line in source.splitlines() if line.strip()]
-    text = re.sub(r"\$\$.*?\$\$", " ", prose(path), flags=re.DOTALL)
-    assert len(text.split()) >= 900, f"{path.name} has {len(text.split())} words"
-    assert prose(path).count("$$") // 2 >= 4, f"{path.name} has {prose(path).count('$$') // 2} displayed formulas"
-    assert len(lines) >= 50, f"{path.name} has {len(lines)} lines of code"
-    assert "(index.md)" in prose(path), f"{path.name} does not lead back to the contents"
-
-
-@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_every_chapter_has_a_picture_for_the_readme(path: Path) -> None:
     assert (path.parent / "gallery" / f"{path.stem}.png").is_file()
 

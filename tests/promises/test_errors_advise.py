@@ -4,13 +4,11 @@ A row is a pattern of the message, the call that raises it, and what its advice 
 warnings is followed in test_advice, that on functions that cannot be read in formulas/test_advice.
 """
 
-import ast
 import os
 import re
 import shutil
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -801,51 +799,3 @@ def test_advice_of_an_error_is_followed_once(name, tmp_path):
     ):
         wrong(tmp_path)
     followed(tmp_path)
-
-
-ELSEWHERE = {
-    "counts on a controller that remembers": "test_memory",
-    r"(solve it|export it) anew|solve the problem again": "as of a damaged file, above",
-    r"solve with resume=True|solve it anew with resume=True|choose another name": "solver/test_entries",
-    r"make room|free some space|save it elsewhere": "test_lost_work: a disk that is full",
-    "check the permissions": "not of the superuser, who runs many a test",
-    "start processes with multiprocessing": "test_threads",
-    "it is compressed; save it as PNG": "test_maps, which reads PNG",
-    "choose another number of cells": "a period that is known to fewer digits than cells are narrow",
-    "use fewer cells, or export less": "4 GB of words",
-    r"solve it with a number of steps|use another cost|use CostToGo\(table": "test_cost_to_go",
-    "allow a greater tolerance": "test_bodies: a map whose disks are too many",
-    "use a table of sdhj.solve or sdhj.load": "of a table that was made by hand, which nobody but a test does",
-    r"write to a copy, (dict|list|X)\((it|mapping)\)": "test_read_only",
-}
-VERBS = (
-    "allow|ask|call|certify|check|choose|clip|close|cut|delete|enlarge|export|give|go on|include|install|keep|leave|"
-    "let|make|move|name|quantise|reduce|remove|save|say|scale|solve|start|use|wrap|write"
-)
-ADVICE = re.compile(rf"[;:,.] (?:or |then )?(?:{VERBS})\b")
-
-
-def said(tree):
-    """The texts of all errors that are raised or made, with X in place of what is filled in."""
-    for raised in ast.walk(tree):
-        if isinstance(raised, ast.Raise) and raised.exc:
-            found = [one for one in ast.walk(raised.exc) if isinstance(one, ast.JoinedStr)]
-            for one in found:
-                yield "".join(part.value if isinstance(part, ast.Constant) else "X" for part in one.values)
-            if not found:
-                plain = [one.value for one in ast.walk(raised.exc) if isinstance(one, ast.Constant)]
-                yield from (one for one in plain if isinstance(one, str))
-
-
-@pytest.mark.slow
-def test_no_advice_is_forgotten():
-    """Every error of the library that tells what to do has a row, or a test of its own."""
-    known = [re.compile(one, re.DOTALL) for one in [*ELSEWHERE, *(pattern for pattern, *_ in CASES.values())]]
-    forgotten, seen = [], 0
-    for path in Path(sdhj.__file__).parent.rglob("*.py"):
-        if path.name in ("arrays.py", "tracing.py"):  # of which formulas/test_advice has rows
-            continue
-        for text in filter(ADVICE.search, said(ast.parse(path.read_text()))):
-            seen += 1
-            forgotten += [text] * (not any(one.search(text) for one in known))
-    assert not forgotten and seen > 60
