@@ -3,16 +3,19 @@
 Usage: python .ci/notebooks.py execute [NOTEBOOK...]     (default: all of notebooks/)
        python .ci/notebooks.py check [NOTEBOOK...]
        python .ci/notebooks.py gallery
+       python .ci/notebooks.py solutions [NOTEBOOK...]
 
 `execute` runs every cell in a fresh kernel. What it writes has no times of cells, no widget state and no versions, and
 records a hash of the code it ran. `check`, the pre-commit hook, runs nothing: it says which notebooks hold other code
 than they were executed with, an error, an exercise that is already answered, or more than a reader should have to load.
 `gallery` writes the picture of each notebook's cell tagged "gallery" to notebooks/gallery/, for the README; `execute`
-does so too, and writes some frames of each widget to notebooks/site/_static/frames/, for the site.
+does so too, and writes some frames of each widget to notebooks/site/_static/frames/, for the site. `solutions` puts
+below each exercise its solution, from notebooks/solutions/, folded.
 
 That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
 """
 
+import ast
 import base64
 import hashlib
 import io
@@ -29,6 +32,8 @@ from PIL import Image
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 LARGEST = 600_000  # bytes
 ANSWERED = re.compile(r"^Exercise [0-9.]+: (?!not answered yet)", re.MULTILINE)
+SOLUTION = "<details><summary>Solution</summary>"
+CHECK = re.compile(r"^(check_\w+)\(", re.MULTILINE)
 WIDGET = re.compile(r"^explore_\w+\(", re.MULTILINE)
 VIEW = "application/vnd.jupyter.widget-view+json"
 METADATA = {
@@ -105,6 +110,51 @@ def execute(path: Path) -> None:
     nbformat.write(notebook, path)
 
 
+def solutions_file(path: Path) -> Path:
+    """Where the solutions of a notebook's exercises stand."""
+    return path.parent / "solutions" / f"solution_{path.name[:2]}.py"
+
+
+def solution_of(tree: ast.Module, lines: list[str], check: str) -> str:
+    """The source of the answer that a file of solutions has for a check, and of what of the file it uses."""
+    made: dict[str, tuple[int, ast.stmt]] = {}
+    above = 0
+    for node in tree.body:
+        targets = node.targets if isinstance(node, ast.Assign) else [node]
+        for name in (getattr(target, "id", getattr(target, "name", "")) for target in targets):
+            made[name] = above, node
+        above = node.end_lineno or 0
+    right = made["RIGHT"][1]
+    assert isinstance(right, ast.Assign) and isinstance(right.value, ast.Dict)
+    answers = zip(right.value.keys, right.value.values, strict=True)
+    wanted = [answer for key, answer in answers if getattr(key, "id", "") == check]
+    needed, seen = set[str](), [node.id for one in wanted for node in ast.walk(one) if isinstance(node, ast.Name)]
+    while seen:
+        if (name := seen.pop()) in made and name not in needed:
+            needed.add(name)
+            seen += [node.id for node in ast.walk(made[name][1]) if isinstance(node, ast.Name)]
+    parts = {made[name][0]: "\n".join(lines[made[name][0] : made[name][1].end_lineno]).strip("\n") for name in needed}
+    return "\n\n".join(parts[place] for place in sorted(parts)) or "\n".join(map(ast.unparse, wanted))
+
+
+def with_solutions(path: Path) -> str:
+    """A notebook, as text, with the solutions of its exercises, each folded below its cell."""
+    notebook, text = nbformat.read(path, as_version=4), solutions_file(path).read_text("utf-8")
+    tree, cells = ast.parse(text), []
+    for cell in notebook.cells:
+        if cell.source.startswith(SOLUTION):
+            continue
+        cells.append(cell)
+        if cell.cell_type == "code" and (check := CHECK.search(cell.source)):
+            code = solution_of(tree, text.splitlines(), check[1])
+            folded = nbformat.v4.new_markdown_cell(f"{SOLUTION}\n\n```python\n{code}\n```\n\n</details>")
+            folded["id"] = hashlib.sha256(check[1].encode()).hexdigest()[:8]  # the same on every run
+            cells.append(folded)
+    notebook.cells = cells
+    written: str = nbformat.writes(notebook)
+    return written if written.endswith("\n") else written + "\n"
+
+
 def picture(notebook: nbformat.NotebookNode) -> bytes | None:
     """The last picture of the cell tagged "gallery"."""
     outputs = [o for cell in notebook.cells if "gallery" in cell.metadata.get("tags", []) for o in cell.outputs]
@@ -147,6 +197,8 @@ def faults(path: Path) -> list[str]:
     told = json.loads(frames_file(path).read_text("utf-8")) if frames_file(path).is_file() else {}
     if has_widgets(notebook) and told.get("code") != code_hash(notebook):
         found.append(f"has frames of other code; run python .ci/notebooks.py execute {path.name}")
+    if solutions_file(path).is_file() and path.read_text("utf-8") != with_solutions(path):
+        found.append(f"has other solutions than solutions/; run python .ci/notebooks.py solutions {path.name}")
     if path.stat().st_size > LARGEST:
         found.append(f"is {path.stat().st_size // 1000} kB, more than {LARGEST // 1000}")
     return found
@@ -154,7 +206,7 @@ def faults(path: Path) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     """Do what the command line says; the exit status."""
-    if not arguments or arguments[0] not in ("execute", "check", "gallery"):
+    if not arguments or arguments[0] not in ("execute", "check", "gallery", "solutions"):
         print(__doc__, file=sys.stderr)
         return 2
     paths = [path if path.exists() else FOLDER / path.name for path in map(Path, arguments[1:])] or sorted(
@@ -165,7 +217,9 @@ def main(arguments: list[str]) -> int:
         if arguments[0] == "execute":
             print(path.name, flush=True)
             execute(path)
-        if arguments[0] != "check":
+        if arguments[0] == "solutions":
+            path.write_text(with_solutions(path), "utf-8")
+        elif arguments[0] != "check":
             write_gallery(path)
         for fault in faults(path):
             print(f"{path.name}: {fault}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Write what pages say of the code: first sentences of docstrings, tables of records, the gallery.
+"""Write what pages say of the code: first sentences of docstrings, tables of records, the rooms, the gallery.
 
 Usage: python .ci/pages.py
 
@@ -11,6 +11,7 @@ import ast
 import inspect
 import pydoc
 import re
+import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,8 @@ def pages() -> dict[Path, str]:
     """All pages that something is written into, as they should be."""
     of_classes = sorted((SITE / "api").glob("*.md"))
     return {
-        path: made(path) for path in (*(SITE / f"{name}.md" for name in ("api", "formulas", "gallery")), *of_classes)
+        path: made(path)
+        for path in (*(SITE / f"{name}.md" for name in ("api", "code", "formulas", "gallery")), *of_classes)
     }
 
 
@@ -74,9 +76,7 @@ def found(name: str) -> tuple[str, str]:
     else:
         given: Any = pydoc.locate(name)
         docstring, path = inspect.getdoc(given), Path(inspect.getsourcefile(inspect.unwrap(given)) or "")
-    said = (docstring or "").split("\n\n")[0].splitlines()
-    last = next((number for number, line in enumerate(said) if line.endswith(".")), len(said) - 1)
-    return " ".join(line.strip() for line in said[: last + 1]), path.relative_to(ROOT).as_posix()
+    return first_sentence(docstring or ""), path.relative_to(ROOT).as_posix()
 
 
 def rules() -> str:
@@ -95,6 +95,56 @@ def lines() -> str:
     return "\n".join(["```text", *written(disk.outputs, []), "```"])
 
 
+def rooms() -> str:
+    """Each room of the package with a line for each file, of both those first that others import."""
+    order = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"][0][
+        "layers"
+    ]
+    parts = []
+    for name in reversed(order):
+        if (room := ROOT / "sdhj" / name).is_dir():
+            for folder in (room, *sorted(path.parent for path in room.rglob("*/__init__.py"))):
+                parts.append(f"### `{folder.relative_to(ROOT).as_posix()}/`\n\n{opening(folder / '__init__.py')}")
+                parts.append("\n".join(line_of(path) for path in in_order_of_imports(folder)))
+        elif name != "__main__":
+            parts.append(line_of(room.with_suffix(".py")))
+    return "\n\n".join(filter(None, parts))
+
+
+def in_order_of_imports(folder: Path) -> list[Path]:
+    """The files of a room, each after those of the room that it imports."""
+    files, found = {path.stem: path for path in sorted(folder.glob("[!_]*.py"))}, dict[str, Path]()
+    room = ".".join(folder.relative_to(ROOT).parts)
+
+    def put(name: str) -> None:
+        for other in re.findall(rf"^from {room}\.(\w+) import", files[name].read_text("utf-8"), re.MULTILINE):
+            if other in files and other not in found:
+                put(other)
+        found[name] = files[name]
+
+    for name in files:
+        if name not in found:
+            put(name)
+    return list(found.values())
+
+
+def line_of(path: Path) -> str:
+    """A line on a file: its name, linked, and the first sentence of its docstring."""
+    return f"- [{path.stem}](../../{path.relative_to(ROOT).as_posix()}): {opening(path)}"
+
+
+def opening(path: Path) -> str:
+    """The first sentence of a file's docstring."""
+    return first_sentence(ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "")
+
+
+def first_sentence(docstring: str) -> str:
+    """The lines of a docstring up to the first that ends with a full stop, as one."""
+    said = docstring.split("\n\n")[0].splitlines()
+    last = next((number for number, line in enumerate(said) if line.endswith(".")), len(said) - 1)
+    return " ".join(line.strip() for line in said[: last + 1])
+
+
 def gallery() -> str:
     """Of each script of figures/ what its docstring says, and its picture."""
     parts = []
@@ -106,8 +156,7 @@ def gallery() -> str:
         if nodes and re.search(r"\bcontext\.(table|run|shares|nodes)\b", code):  # it is computed on the arm's grid
             more += f"\n\nThe arm has {nodes} nodes on each axis here."
         picture = f"![{sentence}](../../figures/gallery/{path.stem}.png)"
-        heading = f"## {' '.join(path.stem.split('_')[1:]).capitalize()}"
-        parts += [heading, f"{sentence} (`{path.name}`)", picture, *filter(None, [more.strip()])]
+        parts += [f"## {sentence.removesuffix('.')}", f"`{path.name}`", picture, *filter(None, [more.strip()])]
     return "\n\n".join(parts)
 
 

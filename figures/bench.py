@@ -9,7 +9,7 @@ treats walls in its own way, so errors are counted at the nodes that no wall can
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
 strikes all of them alike. `measure_case_study`, `measure_controller` and `measure_slider` time what
 users wait for: whole tables, one that is solved anew when an obstacle is seen elsewhere, the controller's answers, and
-pictures of games; `studies/limits.py` compares each part of a solve with what the machine can do.
+pictures of games.
 """
 
 import importlib
@@ -46,7 +46,6 @@ from sdhj.table.rules import RULES
 sys.path.append(str(Path(__file__).parent / "studies"))  # the scripts are no package to install
 
 import first
-import limits
 
 NODES = (15, 20, 25, 30, 35, 40)
 LEAST_NODES = 9  # with fewer the walls reach every node
@@ -459,7 +458,7 @@ def _versions(with_peer: bool) -> str:
 @click.option("--kept", is_flag=True, help="Only draw what was measured last, figures/kept/bench.txt.")
 @plainly
 def main(nodes: str, repeats: int, with_peer: bool, output: Path | None, kept: bool) -> None:
-    """Time one reach problem beside a peer, the whole case study and its parts, and the controller's answers."""
+    """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
     counts = numbers("nodes", nodes, int)
     writable_picture(output)
     if kept:
@@ -474,7 +473,6 @@ def main(nodes: str, repeats: int, with_peer: bool, output: Path | None, kept: b
         click.echo(beside_peer(report, case_study) + "\n")
     click.echo(first.table("arm", first.in_a_new_process("arm")) + "\n")
     click.echo(f"chapter 10's sliders: {measure_slider():.2f} s from a move to the picture\n")
-    click.echo(limits.table(arm_case_study(min(max(counts), 25)), INTERPOLATED))
     if output is not None:
         click.echo(plot(report, output))
 

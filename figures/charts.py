@@ -52,6 +52,8 @@ def draw_sweep(
         places = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
         ax.annotate("case study", (nominal, 1.0), (2, -2), **places, **looks)
     ax.set(xlabel=xlabel, ylabel=SHARE, ylim=(0, None))
+    if all(isinstance(bound, int) for bound in bounds):  # of nodes: a tick at each grid that there is
+        ax.set_xticks(bounds)
     ax.grid(axis="y")
     if len(fractions) > 1:
         ax.legend()

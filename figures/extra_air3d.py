@@ -21,7 +21,7 @@ from sdhj.plotting.looks import FAINT, INK, UNSAFE_LOOKS
 from sdhj.table.batches import Table
 
 MAIN_JOB = False
-SPEED, RADIUS, HORIZON = 5.0, 5.0, 2.8  # of both aircraft; of the disk; s
+SPEED, RADIUS, HORIZON = 5.0, 5.0, 2.8  # of both aircraft, m/s; of the disk, m; s
 COARSE = (27, 21, 24)
 NODES = (51, 40, 50)
 LOWER, UPPER = (-6.0, -10.0, 0.0), (20.0, 10.0, 2 * np.pi)
@@ -60,7 +60,7 @@ def air3d(
         closing = SPEED * np.cos(psi) - SPEED + u[0] * y, SPEED * np.sin(psi) - u[0] * x
         return np.stack([*closing, np.full(len(q), -u[0])], axis=1)
 
-    periodic, names = (False, False, True), ("ahead $x$", "left $y$", r"heading $\psi$ (rad)")
+    periodic, names = (False, False, True), ("ahead $x$ (m)", "left $y$ (m)", r"heading $\psi$ (rad)")
     return sdhj.ReachAvoidProblem(
         grid=sdhj.Grid(lower, upper, nodes, periodic, names, ends="safe"),
         dynamics=sdhj.Dynamics(np.array(turns)[:, None], drift, gain=[[0], [0], [1]], bounds=[1.0]),

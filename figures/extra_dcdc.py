@@ -48,7 +48,9 @@ def dcdc() -> sdhj.ReachAvoidProblem:
     """The converter, for ever."""
     a, b = circuit()
     return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid(LOWER, UPPER, (401, 401), names=["current $x_1$", "voltage, five times, $x_2$"]),
+        grid=sdhj.Grid(
+            LOWER, UPPER, (401, 401), names=["current $x_1$ (per unit)", "5 times the voltage $x_2$ (per unit)"]
+        ),
         dynamics=sdhj.Dynamics([[0.0], [1.0]], lambda q, u: q @ a[int(u[0])].T + b, np.zeros((2, 1)), [0.0]),
         target=None,
         unsafe=[],

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from common import PURSUER_AT, Context, command_of
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
@@ -28,6 +30,7 @@ from sdhj.table.batches import Table
 
 MAIN_JOB = False
 RUNS = 10_000
+SHADES = 20  # of the colours of steps to go, in the bar that all slices share
 EIGHT = [[0.0, 0.0]] + [[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)]  # to stand, and eight directions
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -344,8 +347,12 @@ def value(context: Context) -> list[float]:
 
 def draw(context: Context) -> Figure:
     quick, runs = (0, 200) if context.coarse else (1, RUNS)
-    figure = plotting.new_figure(7.4, 5.6)
-    parts = figure.subplot_mosaic([["arm", "workspace", "drone"], ["ring", "bar", "cart"]])
+    figure = plotting.new_figure(7.4, 6.1)
+    rows = ["arm", "workspace", "drone"], ["ring", "bar", "cart"], ["steps"] * 3
+    parts = figure.subplot_mosaic([*rows], height_ratios=(1.0, 1.0, 0.05))
+    colours = ScalarMappable(Normalize(0, 1), ListedColormap(plotting.step_colours(SHADES)))
+    bar = figure.colorbar(colours, cax=parts["steps"], orientation="horizontal", ticks=(0, 0.5, 1))
+    bar.set_label("steps to go, as a share of the problem's steps; from white nothing is promised")
     context.say("| problem | nodes | steps | share | random | worst | unaware: share | random | worst |")
     context.say("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for name, worked in WORKED.items():

@@ -156,10 +156,10 @@ def draw_timings(axes: Sequence[Axes], measured: Measured) -> None:
         looks = {"color": INK, "marker": "o", "linestyle": "-"} | LOOKS[name]
         ratio.plot(list(full), quotients, label=name, gid=f"{name}-ratio", **looks)
     times.set(yscale="log", ylabel="computation time (s)")
-    ratio.set(ylabel="full / projected", ylim=(0, None))
+    ratio.set(ylabel="ratio", ylim=(0, None))
     for ax, said in (
         (times, f"sdhj: processor time of one thread; paper: {PAPER_MACHINE}"),
-        (ratio, "of times" + ", and of nodes updated by the paper's scheme" * ("node updates" in shown)),
+        (ratio, "full / projected: times" + ", and node updates of the paper's scheme" * ("node updates" in shown)),
     ):
         ax.legend(title=said, title_fontsize=7.0, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         ax.set_xlabel("nodes on each axis")

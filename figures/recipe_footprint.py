@@ -2,7 +2,7 @@
 
 python figures/recipe_footprint.py figures/gallery/recipe_footprint.png    what the page shows, about a minute
 
-The robot is the recipe's: the code of notebooks/site/recipes.md is run, and its run drawn.
+The robot is the recipe's: the code of notebooks/site/maps.md is run, and its run drawn.
 """
 
 import re
@@ -17,7 +17,7 @@ from sdhj import plotting
 from sdhj.cli import plainly
 from sdhj.plotting.looks import INK
 
-RECIPES = Path(__file__).parents[1] / "notebooks" / "site" / "recipes.md"
+RECIPES = Path(__file__).parents[1] / "notebooks" / "site" / "maps.md"
 HEADING = "## A robot with a shape"
 EVERY = 4  # samples, of which one outline is drawn
 
@@ -27,7 +27,7 @@ def played() -> dict[str, Any]:
     code = re.search(r"```python\n(.*?)```", RECIPES.read_text(encoding="utf-8").split(HEADING)[1], re.DOTALL)
     assert code is not None
     found: dict[str, Any] = {}
-    exec("import numpy as np\nimport sdhj\n" + code[1], found)
+    exec(code[1], found)
     return found
 
 

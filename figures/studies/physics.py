@@ -18,6 +18,8 @@ from xml.sax.saxutils import quoteattr
 
 import click
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from tqdm import tqdm
 
 import sdhj
@@ -429,13 +431,23 @@ def write_frames(world: World, run: Run, path: str | os.PathLike[str], count: in
     pictures, columns = frames(world, run, count), min(count, 3)
     rows = -(-count // columns)
     with plotting.style(), replaced_whole(path) as temporary:
-        figure = plotting.new_figure(2.4 * columns, 2.65 * rows)
+        figure = plotting.new_figure(2.4 * columns, 2.65 * rows + 0.3)
         for i, (t, image) in enumerate(pictures):
             panel = figure.add_subplot(rows, columns, i + 1)
             panel.imshow(image, interpolation="lanczos")
             panel.set_title(f"$t = {t:.2f}$ s", fontsize=8)
             panel.set_axis_off()
+        put_legend(figure)
         figure.savefig(temporary, dpi=150, format="png", metadata={"Software": "sdhj"})
+
+
+def put_legend(figure: Figure) -> None:
+    """What the colours of a strip's bodies mean, below it."""
+    colours = {
+        kind: [float(part) for part in COLOURS[kind].split()] for kind in ("arm", "pursuer", "obstacle", "target")
+    }
+    entries = [Patch(facecolor=colour, label=kind) for kind, colour in colours.items()]
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
 
 
 @click.command(context_settings={"show_default": True})

@@ -5,7 +5,7 @@
 examples `vehicle` and `dcdc`; the times are those that Dionysos.jl publishes for its own abstractions of the two, on
 its own host: the same problems, by other methods on other machines.
 
-`ON_H100` and `ON_H200` are stored results, of hj_reachability and of `gpu.py`: few have such cards.
+`ON_H100` is a stored result of hj_reachability: few have such a card.
 """
 
 import os
@@ -36,16 +36,6 @@ def on_h100() -> str:
     return "\n".join(
         [*lines, *(f"| {n} | " + " | ".join(f"{s:g} s" for s in row) + " |" for n, row in ON_H100.items())]
     )
-
-
-# What `gpu.py` measured on 27 November 2026 on one H200 (driver 580.159.04) and on cores of the same machine (Xeon),
-# with Python 3.12.3, numba 0.68.0, numba-cuda 0.30.4 and numpy 2.4.6, fused operations off: by nodes on each axis, ms.
-# The game on the card is avoid tubes, PDEs, unions and marks; besides it, samples of the sets on one core, copies there
-# and back. `sdhj.solve(play=False)` on 1, 2 and 16 cores: the least and the greatest median of three solves.
-ON_H200 = {
-    25: {"game": 23, "besides": (70, 4, 28), "solve": ((804, 1078), (724, 859), (313, 467))},
-    40: {"game": 71, "besides": (304, 14, 141), "solve": ((6642, 8932), (4166, 5691), (1613, 2020))},
-}
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The compiled look at the true sets (`notebooks/site/queries.md`), in rounds.
+"""The compiled look at the true sets (`notebooks/site/code.md`), in rounds.
 
 The queue holds the states that wait for an answer. For each of them `propose` writes the points at which the sets are
 evaluated for the input that comes next; `evaluate` fills in their values; and `judge` undoes what these refute, and

@@ -412,7 +412,7 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
 
     An input is safe by marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the
     safe one of least margin; where none is safe, the one whose larger of margin and avoid tube is least, among those
-    that are marked if any is. See `notebooks/site/queries.md`.
+    that are marked if any is. See `notebooks/site/code.md`.
 
     margin (L,) : of each input. scratch : a `LookupScratch`, with `marked` as `_marked_by_all` wrote it.
     """

@@ -1,6 +1,6 @@
 """Queries that tables of every method answer, for many states at once.
 
-`notebooks/site/queries.md` explains to users how a query is answered; this file, `sdhj.table.ahead` and the kernels of
+`notebooks/site/code.md` explains to users how a query is answered; this file, `sdhj.table.ahead` and the kernels of
 `sdhj.kernels.lookup` implement it.
 """
 
@@ -546,7 +546,7 @@ class Table(ReadOnly):
 
         An input passes if the true unsafe sets are not met at the state, at instants of the undisturbed path and, at
         the interval's end, at the corners of what it can lead to; and, where `left` is 0, if the target holds these
-        corners (point 6 of `notebooks/site/queries.md`). What is past a safe end no longer matters. Proved tables pass
+        corners (point 6 of `notebooks/site/code.md`). What is past a safe end no longer matters. Proved tables pass
         every input.
 
         inputs : (M,) int, indices into problem.inputs.

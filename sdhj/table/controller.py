@@ -2,7 +2,7 @@
 
 At step k a state q has n steps to go if n is the fewest for which q is in the tube S_k with n to go; n = 0 is success.
 An input u_j keeps the promise if q is in its reach-avoid set of the tube S_{k+1} with n - 1 to go. The table answers
-both questions (`notebooks/site/queries.md` says how), and a rule selects one of the inputs.
+both questions (`notebooks/site/code.md` says how), and a rule selects one of the inputs.
 """
 
 import reprlib

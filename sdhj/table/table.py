@@ -1,6 +1,6 @@
 """The look-up table of Fig. 8, which all methods on a grid produce.
 
-A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/queries.md` says
+A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/code.md` says
 which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
 alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
 adversary couples axes, a margin is over the sum of a box and segments or, where v enters nonlinearly, over the hull of

@@ -4,14 +4,12 @@ import itertools
 
 import bench
 import first
-import limits
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import sdhj
-from sdhj.kernels import compiling, stages
-from sdhj.solver import recursion
+from sdhj.kernels import compiling
 
 
 @pytest.fixture(scope="module")
@@ -116,59 +114,6 @@ def test_time_of_the_case_study(benchmark, method):
     problem = sdhj.arm_case_study()
     sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method=method, progress=False)
     benchmark.pedantic(lambda: sdhj.solve(problem, method=method, progress=False), rounds=3)
-
-
-class Counted(float):
-    """A number that counts what is done with numbers of its kind."""
-
-    done = 0
-
-
-def counting(name):
-    def call(*numbers):
-        Counted.done += 1
-        result = getattr(float, name)(*numbers)
-        return Counted(result) if isinstance(result, float) else result
-
-    return call
-
-
-for operation in "add sub mul neg abs lt gt le ge".split():
-    setattr(Counted, f"__{operation}__", counting(f"__{operation}__"))
-
-
-def test_operations_are_those_of_the_differences_and_hamiltonians():
-    numbers = [Counted(x) for x in (0.3, -0.2, 0.5, 0.9, -0.4, 0.8, 0.1)]
-
-    def counted(function, *given):
-        Counted.done = 0
-        function(*given)
-        return Counted.done
-
-    given = numbers[0], tuple(numbers[1:4]), tuple(numbers[4:])
-    found = {order: counted(function, *given) for order, function in stages.DIFFERENCES.items()}
-    assert found == limits.DIFFERENCES
-    around_zero = Counted(0.3), Counted(-0.1), Counted(-1.0), Counted(1.0)
-    assert {k: counted(flux, *around_zero) for k, flux in stages.HAMILTONIANS.items()} == limits.HAMILTONIANS
-
-
-def test_parts_of_a_solve_are_counted_and_nothing_stays_changed():
-    before = recursion.add_inputs
-    found = limits.parts(sdhj.arm_case_study(nodes=9, steps=2), "projected")
-    assert recursion.add_inputs is before
-    named = {"sampling", "avoid tubes", "projections", "stages", "Hopf-Lax", "shift and union", limits.REST}
-    assert set(found) == named and all(part.seconds >= 0 for part in found.values())
-    # three entries and, for the diagnosis, three goals are projected along two axes, in float32
-    assert found["projections"].bytes == (3 + 3) * 2 * 4 * (9**4 + 9**3)
-    assert found["projections"].operations == (3 + 3) * 2 * 9**4
-    # each entry reads the tube, writes it and the marks of 25 inputs, and reads at least a wall on two axes for each
-    assert found["shift and union"].bytes > 3 * 9**4 * (8 + 25 / 4)
-    assert limits.Part(2.0, 10.0, 30.0).times((10.0, 20.0)) == pytest.approx(2.0 / 1.5)
-
-
-def test_limits_of_the_machine_are_plausible():
-    moved, done = limits.limits(repeats=1)
-    assert 1e8 < moved < 1e13 and 1e8 < done < 1e13
 
 
 @pytest.mark.slow

@@ -131,7 +131,7 @@ def test_every_chapter_is_in_the_site(site: Path) -> None:
     contents = (site / "index.html").read_text(encoding="utf-8")
     for chapter in chapters:
         assert (site / f"{chapter}.html").is_file() and f'href="{chapter}.html"' in contents
-    for page in ("notation", "reading", "syllabus", "solutions", "worked", "promises", "api", "contributing"):
+    for page in ("notation", "reading", "syllabus", "worked", "numbers", "start", "maps", "api", "contributing"):
         assert (site / "site" / f"{page}.html").is_file()
     assert "sdhj.solve" in (site / "site" / "api.html").read_text(encoding="utf-8")
     gallery = (site / "site" / "gallery.html").read_text(encoding="utf-8")
@@ -380,7 +380,7 @@ def test_a_loop_plays_until_a_reader_takes_it_and_not_for_those_who_ask_for_none
 def test_code_is_copied_wide_pictures_scroll_and_tables_are_lists_on_a_telephone(site: Path) -> None:
     with served(site) as address, chromium() as page:
         page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=address)
-        page.goto(f"{address}/site/recipes.html", wait_until="load")
+        page.goto(f"{address}/site/maps.html", wait_until="load")
         code = page.locator("main div.highlight").first
         code.locator("button.copy").click()
         assert page.evaluate("() => navigator.clipboard.readText()") == code.locator("pre").inner_text()

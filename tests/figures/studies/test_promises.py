@@ -12,7 +12,7 @@ from fleet import FLEET, WIND, Hazard, Robot, many_inputs, wind_at
 from judge import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
 from promises import HEAD, MARK, ROBOTS, Row, bounds, heading, into_page, main, methods, rows
 
-PAGE = Path(__file__).parents[3] / "notebooks" / "site" / "promises.md"
+PAGE = Path(__file__).parents[3] / "notebooks" / "site" / "numbers.md"
 BRAKE, PUSH = 1.0, 0.2  # m/s^2, of `fleet.double_integrator`
 
 
