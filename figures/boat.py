@@ -19,6 +19,7 @@ from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames
 from sdhj.solver.joint import JointGames
@@ -117,13 +118,13 @@ def boat_problem(
 def one_step_game(problem: ReachAvoidProblem, scheme: Scheme | None = None) -> OneStepGame:
     """Solve the games of App. A.3 and the one of Prop. 1 for the first input of a problem over its first interval."""
     scheme = Scheme() if scheme is None else scheme
-    games = HJIGames(problem, scheme)
+    games = HJIGames(Samples(problem), scheme)
     goal = problem.grid.points()
     shape = problem.grid.shape
     s = problem.target_value(goal, problem.time(1)).reshape(shape)
     reach = next(values for _, values in games.reach(s, 0))
     avoid = np.maximum.reduce([games.avoid(part, 0)[0] for part in problem.unsafe])
-    cost = next(values for _, values in JointGames(problem, scheme).reach(s, 0))
+    cost = next(values for _, values in JointGames(Samples(problem), scheme).reach(s, 0))
     return OneStepGame(problem, np.array(reach), avoid, np.array(cost))
 
 

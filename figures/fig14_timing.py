@@ -20,6 +20,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.plotting.looks import INK, OUTCOME_INK
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.solver.methods import Method
 from sdhj.solver.projections import default_subspaces
 from sdhj.solver.schemes import STAGES
@@ -127,7 +128,7 @@ def node_updates(problem: ReachAvoidProblem, spaces: Sequence[Sequence[int]]) ->
     The games are played on subspaces, or on the one that is the whole. Each input takes the time steps that its own
     velocities ask for; avoid tubes take those of the fastest (`HJIGames.steps`).
     """
-    games, grid, count = PAPER_METHOD.on(problem), problem.grid, len(problem.inputs)
+    games, grid, count = PAPER_METHOD.on(Samples(problem)), problem.grid, len(problem.inputs)
     stages, cfl = len(STAGES[games.scheme.integrator]), games.scheme.cfl
     total = 0
     for axes in map(tuple, spaces):
@@ -135,7 +136,7 @@ def node_updates(problem: ReachAvoidProblem, spaces: Sequence[Sequence[int]]) ->
         steps = sum(field.steps(grid.subgrid(axes), problem.delta, cfl) for field in fields)
         total += steps_of_the_recursion(problem) * stages * steps * grid.subgrid(axes).size
     for part in problem.unsafe:
-        own, intervals = problem.avoid_axes(part), problem.steps if problem.moves(part) else 1
+        own, intervals = Samples(problem).avoid_axes(part.axes), problem.steps if problem.moves(part) else 1
         kept = {tuple(axis for axis in own if axis in axes) for axes in spaces}  # of which one may be the set's own
         kept = {own} if own in kept else kept
         total += intervals * stages * count * sum(games.steps(axes, 0) * grid.subgrid(axes).size for axes in kept)

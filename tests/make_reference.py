@@ -24,6 +24,7 @@ from numba import njit, prange
 
 import sdhj
 from sdhj.arm.case_studies import scene
+from sdhj.problem.samples import Samples
 
 SAMPLES = 16  # times within an interval, besides its start
 MARGIN = 2e-3  # m; 99% of the nodes near the boundary moved by less than 1.9 mm between 100 and 200 nodes a joint
@@ -226,7 +227,7 @@ class Reference:
         pursued = self.pursued()
         following = []
         for k in range(problem.steps, -1, -1):
-            row = [problem.goal(k).astype(np.float32).reshape(shape)]
+            row = [Samples(problem).goal(k).astype(np.float32).reshape(shape)]
             if following:
                 known = self.known(k)
                 still = []

@@ -60,7 +60,7 @@ def test_hji_where_projections_are_too_conservative(solves_are_played):
 
 
 def test_a_number_of_steps_where_a_set_does_not_settle(monkeypatch):
-    monkeypatch.setattr("sdhj.problem.statement.FOREVER", 3)
+    monkeypatch.setattr("sdhj.problem.problem.FOREVER", 3)
     problem = replace(interval_problem(nodes=321, unsafe=False), steps=None)
     with pytest.warns(UnsettledWarning, match="or give the problem a number of steps"):
         table = sdhj.solve(problem, progress=False, play=False)

@@ -17,6 +17,7 @@ import sdhj
 from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.checks import arguments
 from sdhj.problem.interval import Interval
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames
 from sdhj.solver.schemes import Scheme
 
@@ -357,7 +358,7 @@ def test_what_only_later_intervals_read_counts_for_the_avoid_game():
     wall = UnsafeSet((1,), lambda p, t: 1.5 - p[:, 0])
     problem = problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.1]), unsafe=(wall,))
     assert [problem.interval(k).self_contained((1,)) for k in range(3)] == [(0, 1)] * 3
-    assert problem.avoid_axes(wall) == (0, 1) and problem.moves(wall) and not wall.moving
+    assert Samples(problem).avoid_axes(wall.axes) == (0, 1) and problem.moves(wall) and not wall.moving
 
 
 # ---- boxes of displacements: the Hopf-Lax formula and the controller's look-ahead
@@ -625,12 +626,12 @@ def test_velocity_sets_without_the_state_are_numbers():
 
 def test_velocity_sets_in_time_are_counted_back_from_the_end():
     problem = problem_of(tidal())
-    field = HJIGames(problem, Scheme()).velocities(1, (0,), 2)
+    field = HJIGames(Samples(problem), Scheme()).velocities(1, (0,), 2)
     for tau in (0.0, 0.1, 0.3):
         now = problem.interval(2).velocities(1, (0,), 0.9 - tau)
         np.testing.assert_allclose(toys.ends_of(field(tau))[0], toys.ends_of(now)[0], rtol=0, atol=ROUNDING)
     still = problem_of(tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]))
-    fields = HJIGames(still, Scheme()).velocities(1, (0,), 2), still.interval(2).velocities(1, (0,))
+    fields = HJIGames(Samples(still), Scheme()).velocities(1, (0,), 2), still.interval(2).velocities(1, (0,))
     assert toys.ends_of(fields[0])[1].tolist() == toys.ends_of(fields[1])[1].tolist()
 
 

@@ -16,6 +16,7 @@ import pytest
 import sdhj
 from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.problem.findings import ResolutionWarning
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, past_ends
 from sdhj.solver.gaps import gaps
 from sdhj.solver.joint import Joint
@@ -220,8 +221,8 @@ def test_ends_against_plain_loops(case: str) -> None:
     truth = plain(**given)
     problem = line(321, **given)
     # sets that shrink from unsafe ends without a target are left to differences
-    assert HJIGames(problem.padded, Scheme()).shifted == (case != "clear between unsafe ends")
-    assert past_ends(problem, (0,)) > (0,)
+    assert HJIGames(Samples(problem).padded, Scheme()).shifted == (case != "clear between unsafe ends")
+    assert past_ends(Samples(problem), (0,)) > (0,)
     wrong, missed = wrong_and_missed(sdhj.solve(problem), truth)
     assert wrong < (0.012 if case == "driven to a wall with an obstacle" else 0.003) and missed < 0.003
 
@@ -252,7 +253,7 @@ def beside_a_wall(nodes: tuple[int, int], pushes: Any, inputs: Any = ((-1.0, 0.0
 def test_a_push_that_moves_two_axes_beside_a_wall(nodes: tuple[int, int], most: int, rng: Any) -> None:
     """Played in plain loops; `most` are lost to tables by differences alone, and 194 and 304 if the wall came first."""
     problem = beside_a_wall(nodes, [[1.0], [1.0]])
-    assert HJIGames(problem, Scheme()).shifted
+    assert HJIGames(Samples(problem), Scheme()).shifted
     table = sdhj.solve(problem)
     level, controller = problem.target.level_set, sdhj.Controller(table)
     starts = rng.uniform([0.0, -1.5], [0.6, 1.5], (100_000, 2))
@@ -277,7 +278,7 @@ def test_where_the_frame_does_not_move() -> None:
     """Where the disturbance takes the state off a wall again and moves another axis with it; not where it cannot."""
 
     def shifted(*given: Any) -> bool:
-        return HJIGames(beside_a_wall((21, 21), *given), Scheme()).shifted
+        return HJIGames(Samples(beside_a_wall((21, 21), *given)), Scheme()).shifted
 
     both, apart = [[1.0], [1.0]], [[1.0, 0.0], [0.0, 1.0]]
     assert shifted(both) and shifted(apart) and shifted(apart, ((0.1, 0.0), (-1.0, 0.0)))
@@ -288,9 +289,9 @@ def test_where_the_frame_does_not_move() -> None:
 
 
 def test_the_frame_goes_no_farther_past_an_end_than_it_has_to() -> None:
-    few, many = past_ends(line(321), (0,)), past_ends(line(321, push=30.0), (0,))
+    few, many = past_ends(Samples(line(321)), (0,)), past_ends(Samples(line(321, push=30.0)), (0,))
     assert few == (1 + 4,) and many == (20 + 4,)  # cells of the push, and of the drift; four for errors of the scheme
-    assert past_ends(line(321, inputs=(0.0,)), (0,)) == (0,)
+    assert past_ends(Samples(line(321, inputs=(0.0,))), (0,)) == (0,)
 
 
 # ---- what a solve says
@@ -413,7 +414,7 @@ def test_what_leaks_at_unsafe_ends_by_differences_and_by_shifts(monkeypatch: pyt
     problem = ReachAvoidProblem(
         Grid([-1], [1], [41], ends="unsafe"), Dynamics(inputs, inputs, [[1.0]], [0.12]), None, (), 0.5, 30
     )
-    assert not HJIGames(problem, Scheme()).shifted
+    assert not HJIGames(Samples(problem), Scheme()).shifted
     for shifted in (False, True):
         monkeypatch.setattr(HJIGames, "moving_frame", property(lambda _, it=shifted: it))
         told = sdhj.solve(problem, play=False).contains(x[:, None])

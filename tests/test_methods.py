@@ -11,6 +11,7 @@ from plain import run_plainly
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import LARGEST
 from sdhj.solver.joint import Joint
 from sdhj.solver.recursion import GridSets
@@ -24,9 +25,10 @@ class ShiftGames:
 
     dtype, solved = "float32", 0
 
-    def __init__(self, problem):
-        corners = np.array(problem.interval(0).displacement_boxes(0.0, problem.delta)) / problem.grid.spacing[0]
-        self.problem, self.moves = problem, np.rint(corners[..., 0]).astype(int)
+    def __init__(self, samples):
+        delta = samples.problem.delta
+        corners = np.array(samples.interval(0).displacement_boxes(0.0, delta)) / samples.grid.spacing[0]
+        self.samples, self.moves = samples, np.rint(corners[..., 0]).astype(int)
 
     def highest(self, values, low, high):
         return np.max([np.roll(values, -move) for move in range(low, high + 1)], axis=0)
@@ -36,7 +38,7 @@ class ShiftGames:
             yield j, self.highest(values, low, high)
 
     def avoid(self, part, step):
-        wall = -self.problem.unsafe_over(part, self.problem.time(step), self.problem.time(step + 1))
+        wall = -self.samples.sample(part, *self.samples.problem.span(step))
         tubes = [self.highest(wall, min(low, 0), max(high, 0)) for low, high in zip(*self.moves, strict=True)]
         return np.stack(tubes).astype(self.dtype)
 
@@ -47,8 +49,8 @@ class Shift:
 
     name, options = "shift", {"exact": True}
 
-    def on(self, problem):
-        return ShiftGames(problem)
+    def on(self, samples):
+        return ShiftGames(samples)
 
     def sets(self, problem, progress=None):
         if problem.grid.ndim != 1 or not problem.grid.periodic[0]:
@@ -82,10 +84,12 @@ def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
         return np.array([max(values[(i + move) % 32] for move in range(low, high + 1)) for i in range(32)])
 
     rock = problem.unsafe[0]
-    walls = [-problem.unsafe_over(rock, k, k + 1) for k in range(5)]
+    walls = [-Samples(problem).sample(rock, k, k + 1) for k in range(5)]
     avoid = [[highest(wall, min(low, 0), max(high, 0)) for low, high in moves] for wall in walls]
     tubes, marks = naive.recursion(
-        [problem.goal(k) for k in range(6)], lambda values, k: [highest(values, *move) for move in moves], avoid
+        [Samples(problem).goal(k) for k in range(6)],
+        lambda values, k: [highest(values, *move) for move in moves],
+        avoid,
     )
     for (k, n), expected in tubes.items():
         np.testing.assert_array_equal(table.values(start=k, within=n), expected.astype(np.float32))

@@ -23,6 +23,7 @@ from sdhj import (
     simulate,
     solve,
 )
+from sdhj.problem.samples import Samples
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
@@ -227,9 +228,9 @@ def test_what_bounds_over_a_time_leave_undefined_is_refused_with_what_to_do():
 
     with pytest.raises(ValueError, match=r"'ellipse' may be undefined or infinite at \[0.1.*, 0.2.*\], .*np.maximum"):
         refused = problem(-np.inf)
-        refused.unsafe_over(refused.unsafe[0], 0.3, 0.6)
+        Samples(refused).sample(refused.unsafe[0], 0.3, 0.6)
     mended = problem(0.0)
-    assert np.isfinite(mended.unsafe_over(mended.unsafe[0], 0.3, 0.6)).all()
+    assert np.isfinite(Samples(mended).sample(mended.unsafe[0], 0.3, 0.6)).all()
 
 
 def test_true_values_need_no_grid():

@@ -12,6 +12,7 @@ import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells
+from sdhj.problem.samples import Samples
 from sdhj.solver.joint import Joint
 from sdhj.solver.resolution import check_resolution, check_sets, too_thin_finding
 
@@ -151,7 +152,7 @@ def test_a_function_that_is_0_in_its_set_is_negative_there_by_cells_too():
 
 def test_a_steep_sampling_is_ten_times_as_deep_inside_and_else_the_same(rng):
     plain, steep = room(half=0.3), room(half=0.3, sampling="steep")
-    values, deeper = (problem.unsafe_at(problem.unsafe[0], 0.0) for problem in (plain, steep))
+    values, deeper = (Samples(problem).sample(problem.unsafe[0], 0.0) for problem in (plain, steep))
     assert (values < 0).any() and np.array_equal(deeper, np.where(values < 0, 10 * values, values))
     solved, cautious, states = sdhj.solve(plain), sdhj.solve(steep), rng.uniform(0.0, 8.0, (20_000, 2))
     assert cautious.fraction(start=0, within=20) < solved.fraction(start=0, within=20)
@@ -267,47 +268,27 @@ def test_a_ball_is_not_thin_where_a_line_grazes_it(ndim, nodes, rng):
                 0.1,
                 1,
             )
-            assert too_thin_finding(problem, problem.unsafe[0], 0.0) is None
+            assert too_thin_finding(Samples(problem), problem.unsafe[0], 0.0) is None
 
 
 def test_more_nodes_are_asked_for_first_where_they_fit_memory(monkeypatch):
     problem = hall(wall(3.0, 0.11))
-    assert ", or UnsafeSet(" in str(too_thin_finding(problem, problem.unsafe[0], 0.0))
+    assert ", or UnsafeSet(" in str(too_thin_finding(Samples(problem), problem.unsafe[0], 0.0))
     monkeypatch.setattr(sdhj.solver.resolution, "available", lambda: (10**6, "are available"))
-    assert "enlarges the set by less than a cell; " in str(too_thin_finding(problem, problem.unsafe[0], 0.0))
+    assert "enlarges the set by less than a cell; " in str(too_thin_finding(Samples(problem), problem.unsafe[0], 0.0))
 
 
-def test_of_a_formula_that_several_problems_share_each_has_its_samples_and_its_warning():
+def test_problems_that_share_a_set_have_samples_of_their_own():
     """A grid that differs has its own; a black box may say something else for every problem."""
     wall, coarse = room().unsafe[0], room(nodes=17)
-    problems = [replace(problem, unsafe=(wall,)) for problem in (room(), room(), coarse)]
-    for problem in problems:
-        with pytest.warns(ResolutionWarning, match="plan"):
-            check_resolution(problem)
-    fine, again, other = (problem.unsafe_at(wall, 0.0) for problem in problems)
-    assert fine is again and other.shape == (17, 17)
-    np.testing.assert_array_equal(other, room(nodes=17).unsafe_at(room(nodes=17).unsafe[0], 0.0))
+    other = Samples(replace(coarse, unsafe=(wall,))).sample(wall, 0.0)
+    assert other.shape == (17, 17)
+    np.testing.assert_array_equal(other, Samples(coarse).sample(coarse.unsafe[0], 0.0))
     half = [0.05]
     changing = UnsafeSet((0, 1), sdhj.BlackBox(lambda p, t: plan(p, half[0]), slope=1.0, rate=0.0), name="plan")
-    thin = replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0)
+    thin = Samples(replace(room(), unsafe=(changing,))).sample(changing, 0.0)
     half[0] = 0.5
-    assert (replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0) <= 0).sum() > (thin <= 0).sum()
-
-
-def test_what_hides_in_a_formula_is_searched_for_once(monkeypatch):
-    searched = []
-
-    def _hidden(problem, *given):
-        searched.append(problem)
-        return hidden(problem, *given)
-
-    hidden = sdhj.solver.resolution._hidden_finding
-    monkeypatch.setattr(sdhj.solver.resolution, "_hidden_finding", _hidden)
-    wall = room().unsafe[0]
-    for problem in (replace(room(), unsafe=(wall,)), replace(room(), unsafe=(wall,))):
-        with pytest.warns(ResolutionWarning, match="plan"):
-            check_sets(problem)
-    assert len(searched) == 1
+    assert (Samples(replace(room(), unsafe=(changing,))).sample(changing, 0.0) <= 0).sum() > (thin <= 0).sum()
 
 
 @pytest.mark.parametrize("low", [0.0, -np.pi])

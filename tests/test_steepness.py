@@ -130,12 +130,3 @@ def test_what_may_be_undefined_is_refused():
     pole = sdhj.Dynamics(problem.inputs, lambda q, u: u[0] + 1e-6 / (q - 0.123456))
     with pytest.raises(ValueError, match="the velocity along x1 may be undefined somewhere on the grid"):
         replace(problem, dynamics=pole, sensing=Sensing(0.01, memory=False))
-
-
-def test_a_part_of_a_grid_has_the_box_of_the_whole():
-    target = sdhj.TargetSet((0,), lambda p, t: p[:, 0] - 1.0)
-    problem = replace(toys.unicycle_problem(), sensing=Sensing(0.02, 0.05, memory=False), target=target)
-    few = problem.grid.stretch(2, problem.grid.shape[2] // 2, 2)  # headings at which one velocity hardly changes
-    box = problem.half_widths[0]
-    del problem.__dict__["half_widths"]
-    np.testing.assert_array_equal(problem.on(few).half_widths[0], box)

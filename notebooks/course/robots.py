@@ -12,6 +12,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames
 from sdhj.solver.schemes import Scheme
@@ -79,9 +80,9 @@ def one_interval(problem: ReachAvoidProblem, j: int, start: int = 0, within: int
 
     S is what the table has for `within` - 1 steps to go one step later; level-set functions on the grid.
     """
-    games = HJIGames(problem, Scheme())
+    games = HJIGames(Samples(problem), Scheme())
     following = sdhj.solve(problem, progress=False).values(start=start + 1, within=within - 1)
     reach = next(values for i, values in games.reach(following, start) if i == j)
     grid = problem.grid
-    tubes = [grid.lift(games.avoid(part, start)[j], problem.avoid_axes(part)) for part in problem.unsafe]
+    tubes = [grid.lift(games.avoid(part, start)[j], Samples(problem).avoid_axes(part.axes)) for part in problem.unsafe]
     return np.array(reach), np.maximum.reduce([np.broadcast_to(tube, grid.shape) for tube in tubes])

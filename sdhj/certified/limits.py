@@ -34,12 +34,12 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.findings import findings
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.problem.statement import ENDLESS_STEPS
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
 
 FEW_NODES, FEWEST_NODES, FINER = 5_000, 5, 4.0  # of a grid; along an axis; and there for each cell, at most
 WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
+ENDLESS_STEPS = 100  # that are counted where a problem has no number of steps
 FEW_CELLS, FEWEST = 10_000, 4  # of a copy, and along an axis
 SHARE_OF_NODES, SHARE_OF_CELLS = 100, 16  # of so many cells one is a node's, or a copy's, where that is more
 MOST_NODES = 1_000_000  # that this gives: nine times as many took as long as the solve of the arm's case study

@@ -15,7 +15,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import Leaves, maximum_of_intervals
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.grid import Grid, Window
+from sdhj.problem.grid import Grid
 
 Nodes = Sequence[slice]  # of each axis
 Spans = tuple[tuple[float, float], ...]
@@ -24,9 +24,7 @@ TOGETHER = 2**20  # numbers, of functions that are kept at a time where there ar
 
 
 @lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
-def intervals(
-    nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
-) -> tuple[FloatArray, ...]:
+def intervals(nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str) -> tuple[FloatArray, ...]:
     """The arrays taps, weight, between and point of `Leaves` for the intervals [x + low, x + high] around the nodes x
     of an axis.
 
@@ -45,9 +43,6 @@ def intervals(
         magnitude of those around the two nodes, 0 where their signs differ; else it is linear.
     dtype : str
         Of the weights.
-    some : (first, count), optional
-        Nodes of a window alone, numbered from its first one. Its weights are those of the whole axis, to the bit; what
-        lies outside the window is read at its end.
     """
     x = np.arange(nodes)[:, None] + np.array(spans)[:, None]  # (intervals, nodes, 2)
     if not periodic:
@@ -63,13 +58,7 @@ def intervals(
         between[..., 1] = np.minimum(between[..., 1], between[..., 0] + nodes)
     weight = np.stack([t, bend], axis=-1).astype(dtype)
     point = np.array([low == high for low, high in spans])
-    if some is None:
-        return taps % nodes if periodic else np.clip(taps, 0, nodes - 1), weight, between, point
-    first, count = some
-    places = (first + np.arange(count)) % nodes
-    shift = (np.arange(count) - places)[:, None]
-    taps = np.clip(taps[:, places] + shift[..., None], 0, count - 1)
-    return taps, weight[:, places], np.clip(between[:, places] + shift, 0, count), point
+    return taps % nodes if periodic else np.clip(taps, 0, nodes - 1), weight, between, point
 
 
 class Maxima(NamedTuple):
@@ -123,15 +112,14 @@ class AxisMaxima(NamedTuple):
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end` (not included) of the grid, or window.
+    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end` (not included) of the grid.
 
     limited : whether interpolation has the limited second difference, as for `intervals`, or is linear. dtype : of the
     weights. Equal arguments give the same arrays again, so callers must not write to them.
     """
     axis, n = axis_maxima.axis, grid.shape[axis_maxima.axis]
-    nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
     cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in axis_maxima.spans)
-    found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
+    found = intervals(n, grid.periodic[axis], cells, limited, dtype)
     taps, weight, between = (np.ascontiguousarray(one[:, begin:end]) for one in found[:3])
     return Leaves(np.array(axis_maxima.parent), np.array(axis_maxima.which), taps, weight, between, found[3])
 
@@ -258,7 +246,8 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
     ).tolist()
-    raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.extended(past)
+    around = [(n, n) for n in past]
+    raised, wide = np.pad(out_of_danger(grid, values), around, "edge"), grid.wider(around)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
         for _, found in maximum_over_boxes(wide, raised, points, points, interpolation):

@@ -5,6 +5,9 @@ All of these checks raise ValueError, and return nothing where all is well. `Rea
 made.
 """
 
+from itertools import product
+from typing import Any
+
 import numpy as np
 
 from sdhj.formulas.formula import Formula, compare
@@ -13,10 +16,8 @@ from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS
 from sdhj.problem.memory import available
-from sdhj.problem.sampled import Sampled
+from sdhj.problem.nodes import checked_values
 from sdhj.problem.sets import TargetSet, UnsafeSet
-from sdhj.problem.statement import Statement
-from sdhj.problem.uncertain import eroded_by_error
 
 COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
 SWEPT_STATES = 1000  # at which `swept` is compared with the level-set function, each at INSTANTS of every interval
@@ -39,7 +40,7 @@ def compared_states(grid: Grid) -> FloatArray:
     return grid.wrapped(states)
 
 
-def compared_times(problem: Statement) -> list[float]:
+def compared_times(problem: Any) -> list[float]:
     """The six times, s, at which functions are compared with the formulas read from them.
 
     0 and 0.7 of an interval, and 0.31, 0.59, 0.83 and 1.01 of the time that all steps take.
@@ -49,7 +50,7 @@ def compared_times(problem: Statement) -> list[float]:
     ]
 
 
-def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
+def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
     """Raise ValueError where a set's formulas, `level_set` and `swept`, differ from the functions that they were read
     from.
 
@@ -65,7 +66,7 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
             formula.forget_source()
 
 
-def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
+def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
     """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval.
 
     The two are compared, by more than `EXCUSED` of the values, in `SWEPT_STATES` states drawn with a fixed seed, at
@@ -89,7 +90,7 @@ def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
                 )
 
 
-def check_inputs(problem: Statement) -> None:
+def check_inputs(problem: Any) -> None:
     """Raise ValueError where an unsafe set has in its `inputs` an index that is none of the problem's inputs."""
     for part in problem.unsafe:
         if part.inputs is not None and part.inputs[-1] >= len(problem.inputs):
@@ -97,20 +98,40 @@ def check_inputs(problem: Statement) -> None:
             raise ValueError(f"inputs of {part.name!r} must be numbers from 0 to {most}, got {part.inputs}")
 
 
-def try_goals(problem: Sampled) -> None:
+def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
+    """Which of the points (M, ndim) are in the target and in no unsafe set, at any time of the step: (M,) bool.
+
+    ValueError where a function is undefined there, or out of the range of single precision.
+    """
+    t, jitter, points = problem.time(step), problem.sensing.jitter, problem.grid.wrapped(points)
+    inside = np.ones(len(points), np.bool_)
+    for part in problem.all_sets:
+        if getattr(part, "inputs", None) is not None or not inside.any():
+            continue
+        at = points[inside].take(part.axes, axis=1)
+        if jitter and part.moving:
+            values = part.over(at, t - jitter, t + jitter, problem.view_time)
+        else:
+            values = part.level_set(at, t)
+        values = checked_values(values, at, part.name)
+        inside[inside] = values <= 0 if part is problem.target else values > 0
+    return inside
+
+
+def try_goals(problem: Any) -> None:
     """Raise ValueError, with the likely cause, where at no step some node is in the target and safe.
 
-    Also raised, as nodes are sampled, where a function is undefined or out of range. Pieces of the grid are looked at
-    in a random order with a fixed seed, up to the first that has such a node. Of more than `MOST_LOOKED_AT` pieces,
-    `DRAWN` of them are looked at, and finding no such node is then no error.
+    Also raised, as nodes are looked at, where a function is undefined or out of range. Pieces of the grid come in a
+    random order with a fixed seed, up to the first that has such a node. Of more than `MOST_LOOKED_AT` pieces, `DRAWN`
+    of them are looked at, and finding no such node is then no error.
     """
-    steps, target, looked = range((problem.steps or 0) + 1), problem.target, 0
-    for piece in problem.grid.pieces_at_random(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
-        part, looked = problem.on(piece), looked + piece.size
-        for step in steps:
-            if (part.target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():
-                return
-    if looked < problem.grid.size:
+    steps, target = range(1 if problem.time_invariant else problem.steps + 1), problem.target
+    count, rng = int(np.prod(problem.grid.piece_shape[1])), np.random.default_rng(0)
+    order = rng.permutation(count) if count <= MOST_LOOKED_AT else rng.integers(count, size=DRAWN)
+    for points in problem.grid.pieces(order):
+        if any(in_goal(problem, points, step).any() for step in steps):
+            return
+    if count > MOST_LOOKED_AT:
         return
     if problem.has_no_target:
         raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
@@ -126,13 +147,13 @@ def try_goals(problem: Sampled) -> None:
     )
 
 
-def check_sensing(problem: Sampled) -> None:
+def check_sensing(problem: Any) -> None:
     """Raise ValueError where the sensing does not fit grid, inputs, delta, dynamics, ends or target.
 
     That is: `error` has another number of axes; `rest` is no input; delay + 2 jitter is longer than delta; with jitter,
-    dynamics or target depend on time, or view_time is "instantaneous"; an end is "safe"; or around no node all of the
-    box of twice the half-widths E (`Statement.half_widths`) is in the target and safe. The last is not looked at where
-    the grid does not fit into memory, which a solve refuses. problem : must have a `Sensing`.
+    dynamics or target depend on time, or view_time is "instantaneous"; an end is "safe"; or around no node the corners
+    of the box of 2 E (`ReachAvoidProblem.half_widths`) are in the target and safe. The last is not looked at where the
+    grid does not fit into memory, which a solve refuses. problem : must have a `Sensing`.
     """
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
@@ -143,7 +164,7 @@ def check_sensing(problem: Sampled) -> None:
             f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "
             f"input has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
         )
-    steps, j = range((problem.steps or 0) + 1), sensing.jitter
+    steps, j = range(1 if problem.time_invariant else problem.steps + 1), sensing.jitter
     if j and (problem.target.moving or problem.dynamics.depends_on_time or problem.view_time == "instantaneous"):
         raise ValueError(
             "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
@@ -154,9 +175,22 @@ def check_sensing(problem: Sampled) -> None:
     free = available()
     if free is not None and grid.sampling_bytes > free[0]:
         return  # and `solve` says so
-    goals = (problem.goal(step) for step in steps)
-    if not any((eroded_by_error(problem, eroded_by_error(problem, goal)) <= 0).any() for goal in goals):
+    if not any(_some_box_in_goal(problem, points, step) for points in grid.pieces() for step in steps):
         raise ValueError(
             f"the state is known to within {np.round(problem.half_widths[0], 6).tolist()} only, and no box of twice "
             "that around a grid node is in the target and safe; reduce error or delay, or enlarge the target"
         )
+
+
+def _some_box_in_goal(problem: Any, points: FloatArray, step: int) -> bool:
+    """Whether for one of the points (M, ndim) at least it and all corners of the box of 2 E around it are `in_goal`.
+
+    Corners are clipped at walls, and past an unsafe end they are not.
+    """
+    points = points[in_goal(problem, points, step)]
+    for off in 2 * problem.half_widths[0] * np.array([*product((-1.0, 1.0), repeat=problem.grid.ndim)]):
+        corners = problem.grid.clipped(points + off)
+        inside = ~problem.grid.beyond(corners, "fails")
+        inside[inside] = in_goal(problem, corners[inside], step)
+        points = points[inside]
+    return len(points) > 0

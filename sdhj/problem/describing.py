@@ -10,20 +10,20 @@ import numpy as np
 from sdhj.formulas.text import FORMAT
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import CUTS
-from sdhj.problem.statement import Statement
 
+LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 VALUES_KEPT = 1000  # values of a black box that a file keeps
 BOX_STEPS = 4  # times among them
 TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # in a file
 
 
-def described(problem: Statement) -> dict[str, Any]:
+def described(problem: Any) -> dict[str, Any]:
     """The problem as plain numbers, lists and text (JSON), for the head of a file.
 
-    The entries of `Statement.numbers`; "problem", its name; and "formulas", with the entries "format", the version of
-    the text; "functions", {name: how many coordinates and parameters, and the lines of text} of each formula; "opaque",
-    {name: words on what is declared} of each black box; and "pieces", into how many the range of each component of v is
-    cut, only where that matters and is not the default.
+    The entries of `ReachAvoidProblem.numbers`; "problem", its name; and "formulas", with the entries "format", the
+    version of the text; "functions", {name: how many coordinates and parameters, and the lines of text} of each
+    formula; "opaque", {name: words on what is declared} of each black box; and "pieces", into how many the range of
+    each component of v is cut, only where that matters and is not the default.
     """
     functions = {}
     for name, lines in problem.texts[0].items():
@@ -35,7 +35,7 @@ def described(problem: Statement) -> dict[str, Any]:
     return problem.numbers | {"problem": problem.name, "formulas": formulas}
 
 
-def arrays_of(problem: Statement) -> dict[str, FloatArray]:
+def arrays_of(problem: Any) -> dict[str, FloatArray]:
     """The arrays that belong to a description, by the names that a file gives them.
 
     "tables/0", "tables/1", ...: the tables that formulas look up, shared with these. "opaque/NAME": `blackbox_values`
@@ -62,12 +62,12 @@ def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
     return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
 
 
-def blackbox_values(problem: Statement, name: str) -> FloatArray:
+def blackbox_values(problem: Any, name: str) -> FloatArray:
     """Values of a black box, flattened: by them a file tells it from another function.
 
-    name : of the black box in `Statement.functions`. It is called at `VALUES_KEPT` / `BOX_STEPS` random states on the
-    grid of its axes, drawn with a fixed seed, at each of `BOX_STEPS` times from 0 on, evenly apart within the problem's
-    steps: a drift or gain under one input at each time, input 0 first; `swept` over [t, t + delta].
+    name : of the black box in `ReachAvoidProblem.functions`. It is called at `VALUES_KEPT` / `BOX_STEPS` random states
+    on the grid of its axes, drawn with a fixed seed, at each of `BOX_STEPS` times from 0 on, evenly apart within the
+    problem's steps: a drift or gain under one input at each time, input 0 first; `swept` over [t, t + delta].
     """
     function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):

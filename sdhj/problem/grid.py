@@ -6,8 +6,8 @@ functions, an intersection the maximum, a complement the negative.
 
 import math
 import reprlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -75,6 +75,10 @@ class Grid(Remembering):
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
     ends_not_given: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
+    # distance between neighbouring nodes on each axis: (upper - lower) / (n - 1), or / n where it is periodic
+    spacing: tuple[float, ...] = field(default=(), init=False, repr=False)
+    # nodes past both ends of each axis of the grid that this one was made `wider` than
+    added: tuple[tuple[int, int], ...] = field(default=(), init=False, repr=False)
 
     def __init__(
         self,
@@ -114,6 +118,10 @@ class Grid(Remembering):
         checked |= {"periodic": map(bool, periodic), "names": map(str, names), "ends": pairs}
         for name, values in checked.items():
             object.__setattr__(self, name, tuple(values))
+        each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
+        spacing = tuple((high - low) / (n if turns else n - 1) for low, high, n, turns in each)
+        object.__setattr__(self, "spacing", spacing)
+        object.__setattr__(self, "added", ((0, 0),) * ndim)
 
     @property
     def ndim(self) -> int:
@@ -131,14 +139,6 @@ class Grid(Remembering):
         one piece.
         """
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
-
-    @cached_property
-    def spacing(self) -> tuple[float, ...]:
-        """Distance between neighbouring nodes on each axis, in its unit: (upper - lower) / (n - 1), or / n where it is
-        periodic.
-        """
-        each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
-        return tuple((high - low) / (n if periodic else n - 1) for low, high, n, periodic in each)
 
     def nodes(self, axis: int) -> FloatArray:
         """Coordinates of the nodes on one axis, shape (shape[axis],), in the axis's unit.
@@ -176,61 +176,51 @@ class Grid(Remembering):
         if self.size > SMALL:
             what = f"a list of the nodes of {' x '.join(map(str, self.shape))}"
             require_memory(8 * (2 * self.ndim + 5) * self.size, what)
-        points = np.empty((*self.shape, self.ndim))
-        for axis in range(self.ndim):
-            points[..., axis] = self.lift(self.nodes(axis), [axis])
-        return points.reshape(self.size, self.ndim)
+        return self._points([slice(None)] * self.ndim)
 
-    def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
-        """A `Window` of the nodes first[axis] to first[axis] + shape[axis] - 1 of each axis.
+    def wider(self, by: Sequence[Sequence[int]], ends: Sequence[Any] | str = "wall") -> "Grid":
+        """The grid with (before, behind) = by[axis] more nodes on each axis, at the same spacing to the bit.
 
-        On a periodic axis these may go around. The grid itself where they are all of its nodes from 0 on. That the
-        nodes exist is not checked.
+        ends : what its own ends are, as for a new grid. Of periodic axes by[axis] must be (0, 0), which is not checked.
         """
-        return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
+        past, nodes = np.array(by).T * self.spacing, (np.sum(by, axis=1) + self.shape).tolist()
+        lower, upper = (self.lower - past[0]).tolist(), (self.upper + past[1]).tolist()
+        return Grid(lower, upper, nodes, self.periodic, self.names, ends)._as_part_of(
+            self.spacing, (np.array(self.added) + by).tolist()
+        )
 
-    def stretch(self, axis: int, first: int, count: int) -> "Grid":
-        """The `window` of `count` nodes of one axis, from the node `first` on, and of all nodes of the other axes.
+    def _as_part_of(self, spacing: Sequence[float], added: Sequence[Sequence[int]]) -> "Grid":
+        """This new grid itself, with the spacing of another and the `added` nodes, where it has any."""
+        if np.any(added):
+            object.__setattr__(self, "spacing", tuple(spacing))
+            object.__setattr__(self, "added", tuple((int(low), int(high)) for low, high in added))
+        return self
 
-        On a periodic axis the nodes may go around. That they exist is not checked.
-        """
-        put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
-        return self.window(*zip(*put, strict=True))
-
-    def extended(self, by: Sequence[int]) -> "Grid":
-        """A `ExtendedGrid` grid: by[axis] more nodes before the lower and behind the upper end of each axis, all ends
-        walls.
-        """
-        return ExtendedGrid(self, by)
-
-    def pieces(self, axis: int = 0) -> "Iterator[Grid]":
-        """Yield windows of at most `PIECE` nodes that together are the grid, in the order of its nodes.
-
-        axis : the axis along which to cut first; where one of its rows has more nodes than `PIECE`, rows are cut along
-        the next axis. Axes before `axis` must have one node, which is not checked.
-        """
-        rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
-        for row in range(0, rows, max(some, 1)):
-            piece = self.stretch(axis, row, min(max(some, 1), rows - row))
-            yield from [piece] if some else piece.pieces(axis + 1)
-
-    def pieces_at_random(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
-        """Yield in a random order the windows that `pieces` yields.
-
-        Where there are more than `most` windows, only `drawn` of them are yielded, each drawn from all, so that one may
-        come twice. rng : decides order and choice.
-        """
+    @property
+    def piece_shape(self) -> tuple[int, tuple[int, ...]]:
+        """How many nodes of one axis are in a piece, and how many pieces there are along that axis and those before."""
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
         some = PIECE // math.prod(self.shape[axis + 1 :])
-        places = (*self.shape[:axis], -(-self.shape[axis] // some))
-        if (count := math.prod(places)) <= most:
-            order = np.transpose(np.unravel_index(rng.permutation(count), places))
-        else:
-            order = rng.integers(places, size=(drawn, len(places)))
-        for *rows, place in order.tolist():
-            length = min(some, self.shape[axis] - place * some)
-            first = (*rows, place * some, *[0] * (self.ndim - axis - 1))
-            yield self.window(first, (*[1] * axis, length, *self.shape[axis + 1 :]))
+        return some, (*self.shape[:axis], -(-self.shape[axis] // some))
+
+    def pieces(self, order: Iterable[int] | None = None) -> Iterator[FloatArray]:
+        """Yield the nodes' points, at most `PIECE` of them at a time, in their order: (M, ndim) float64.
+
+        order : the numbers of the pieces that are meant; by default all, one after the other.
+        """
+        some, places = self.piece_shape
+        for which in range(math.prod(places)) if order is None else order:
+            *rows, place = map(int, np.unravel_index(which, places))
+            cut = [slice(row, row + 1) for row in rows] + [slice(place * some, (place + 1) * some)]
+            yield self._points([*cut, *[slice(None)] * (self.ndim - len(cut))])
+
+    def _points(self, some: Sequence[slice]) -> FloatArray:
+        """Coordinates of the nodes in one slice of each axis, (M, ndim) float64, the last axis varying fastest."""
+        lines = [self.nodes(axis)[part] for axis, part in enumerate(some)]
+        points = np.empty((*map(len, lines), self.ndim))
+        for axis, line in enumerate(lines):
+            points[..., axis] = line.reshape([-1 if axis == k else 1 for k in range(self.ndim)])
+        return points.reshape(-1, self.ndim)
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
@@ -258,26 +248,22 @@ class Grid(Remembering):
         return self.remembered(("subgrid", *axes), lambda: self._subgrid(axes))
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        """A new grid of these axes, with their padding: what `subgrid`, which keeps it, returns."""
-        lower, upper, shape, periodic, names, ends, padding = ([one[axis] for axis in axes] for one in self._by_axis)
-        plain = Grid(lower, upper, shape, periodic, names, ends)
-        return PaddedGrid(plain, padding) if np.any(padding) else plain
-
-    @property
-    def _by_axis(self) -> tuple[Sequence[Any], ...]:
-        """Lower, upper, shape, periodic, names, ends and padding, each with one entry for each axis."""
-        return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
+        """A new grid of these axes, with the nodes added to them: what `subgrid`, which keeps it, returns."""
+        each = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.spacing, self.added
+        *given, spacing, added = ([one[axis] for axis in axes] for one in each)
+        return Grid(*given)._as_part_of(spacing, added)
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): none, but on a
-        `PaddedGrid`.
+        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): all `added`
+        there.
         """
-        return ((0, 0),) * self.ndim
+        frees = self.ends_where("frees").T
+        return tuple((low * bool(a), high * bool(b)) for (low, high), (a, b) in zip(self.added, frees, strict=True))
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """Index, a slice for each axis, of the nodes that are not part of the `padding`; not meant for a window."""
+        """Index, a slice for each axis, of the nodes that are not part of the `padding`."""
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
@@ -426,7 +412,7 @@ class Grid(Remembering):
     @cached_property
     def walled(self) -> "Grid":
         """A grid with the same nodes, all of whose bounded ends are walls; made once."""
-        return replace(self, ends=(("wall", "wall"),) * self.ndim)
+        return self.wider([(0, 0)] * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
         """States (..., ndim), also traced ones, clipped at the ends with these fates: a new array.
@@ -494,97 +480,3 @@ class Grid(Remembering):
             rest = self.subgrid(range(1, self.ndim))
             return sum(share * rest.fraction(row) for share, row in zip(self.shares(0).tolist(), inside, strict=True))
         return float(np.sum(self.weights, where=inside))
-
-
-@dataclass(frozen=True, init=False)
-class PaddedGrid(Grid):
-    """A grid of which some nodes, its padding, lie past safe ends, so that games are played there
-    (`sdhj.problem.boxes`).
-
-    nodes_past_ends : how many nodes lie past the lower and the upper safe end of each axis, ((low, high), ...). `lower`
-    and `upper` are where the nodes end; `faces("frees")` are the safe ends.
-    """
-
-    nodes_past_ends: tuple[tuple[int, int], ...] = ()
-
-    def __init__(self, grid: Grid, nodes_past_ends: Sequence[Sequence[int]]) -> None:
-        """The nodes of `grid`, padding included, of which so many at both ends of each axis lie past safe ends."""
-        super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
-        object.__setattr__(self, "nodes_past_ends", tuple((int(low), int(high)) for low, high in nodes_past_ends))
-
-    @property
-    def padding(self) -> tuple[tuple[int, int], ...]:
-        """`nodes_past_ends`: how many nodes of each axis lie past its lower and its upper safe end."""
-        return self.nodes_past_ends
-
-
-@dataclass(frozen=True, init=False)
-class ExtendedGrid(Grid):
-    """A grid with more nodes before the lower and behind the upper end of each axis, at the same spacing to the bit,
-    and walls at all ends.
-    """
-
-    def __init__(self, grid: Grid, by: Sequence[int]) -> None:
-        """The grid `grid` with by[axis] more nodes on both sides of each axis."""
-        past, nodes = np.array(by) * grid.spacing, [n + 2 * more for n, more in zip(grid.shape, by, strict=True)]
-        ends = (np.array(grid.lower) - past).tolist(), (np.array(grid.upper) + past).tolist()
-        super().__init__(*ends, nodes, grid.periodic, grid.names, "wall")
-        object.__setattr__(self, "spacing", grid.spacing)  # to the bit, which the ends do not give
-
-
-@dataclass(frozen=True, init=False)
-class Window(Grid):
-    """Consecutive nodes of each axis of a grid, on which functions are sampled and games are played as on the grid.
-
-    Its `shape` is its own; `lower`, `upper`, ends, periodicity and spacing are those of the whole grid, and nodes have
-    bit-for-bit the same coordinates. Results close to where the window ends and the grid does not are wrong, as the
-    window has no values beyond; who solves on it leaves these out. Made by `Grid.window`.
-    """
-
-    whole: Any = None  # the Grid of which it is a window
-    first: tuple[int, ...] = ()  # the index in it of the window's first node, on each axis
-
-    def __init__(self, of: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
-        """The window of shape[axis] nodes of each axis of the grid `of`, from the node first[axis] on."""
-        for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
-            object.__setattr__(self, name, getattr(of, name))
-        object.__setattr__(self, "shape", tuple(shape))
-        object.__setattr__(self, "whole", of)
-        object.__setattr__(self, "first", tuple(first))
-
-    @property
-    def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis of the whole grid lie past its lower and its upper safe end."""
-        return tuple(self.whole.padding)
-
-    def places(self, axis: int) -> FloatArray:
-        """Indices (shape[axis],) int, in the whole grid, of the window's nodes on one axis."""
-        return (self.first[axis] + np.arange(self.shape[axis])) % self.whole.shape[axis]
-
-    def nodes(self, axis: int) -> FloatArray:
-        """Coordinates (shape[axis],) of the window's nodes on one axis: to the bit those of the whole grid."""
-        return self.whole.nodes(axis)[self.places(axis)]
-
-    def extended(self, by: Sequence[int]) -> Grid:
-        """The window with by[axis] more nodes on both sides of each axis: a window of what `Grid.extended` makes of
-        the whole grid.
-        """
-        shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
-        return self.whole.extended(by).window(self.first, shape)
-
-    def shares(self, axis: int) -> FloatArray:
-        """Share of the whole axis's length that each of the window's nodes represents, (shape[axis],)."""
-        return self.whole.shares(axis)[self.places(axis)]
-
-    def _subgrid(self, axes: Sequence[int]) -> Grid:
-        """The window of these axes in the whole grid's subgrid of them: what `subgrid`, which keeps it, returns."""
-        first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
-        return self.whole.subgrid(axes).window(first, shape)
-
-    @kept
-    def arrays(self) -> Lattice:
-        """The window as compiled code takes it: the whole grid's `Lattice`, with `first` and `extent` those of the
-        window; made once.
-        """
-        first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
-        return self.whole.arrays._replace(first=first, extent=extent)

@@ -172,7 +172,6 @@ class Interval(ReadOnly):
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
     wider: FloatArray | float = 0.0  # by how much boxes of `displacement_sets` are widened to each side: (ndim,), or 0
-    whole: "Interval | None" = None  # where the grid is a window: the interval on the whole grid
 
     @property
     def end(self) -> float:
@@ -590,7 +589,7 @@ class Interval(ReadOnly):
         if not read:
             return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
         grid, some = self.grid.subgrid(read), formula.restricted(read)
-        values = np.concatenate([some(piece.points(), t) for piece in grid.pieces()]).reshape(grid.shape)
+        values = np.concatenate([some(points, t) for points in grid.pieces()]).reshape(grid.shape)
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -605,7 +604,7 @@ class Interval(ReadOnly):
                 self._values_at_nodes(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)
             ]
             return found[:ndim], found[ndim:]
-        pieces = [dynamics.extremes(piece.points(), j, t) for piece in self.grid.pieces()]
+        pieces = [dynamics.extremes(points, j, t) for points in self.grid.pieces()]
         least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
         return list(least), list(greatest)
 
@@ -613,19 +612,11 @@ class Interval(ReadOnly):
     def speeds(self) -> FloatArray:
         """The greatest |velocity| along each axis over all nodes, inputs and v: (ndim,), read-only, made once.
 
-        Of what depends on time at some instants of the interval only. On a window it is that of the whole grid.
+        Of what depends on time at some instants of the interval only.
         """
-        if self.whole is not None:
-            return self.whole.speeds
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.depends_on_time else INSTANTS[:1])
         ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
-
-    def on(self, grid: Grid) -> "Interval":
-        """The interval on a window of its grid, whose `whole` is this one, so that `speeds` stays that of the whole
-        grid.
-        """
-        return replace(self, grid=grid, whole=self)
 
     def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
         """The smallest set of axes with `axes` in it whose velocities depend on no other coordinate; ascending."""

@@ -1,12 +1,11 @@
 """Level-set functions at the nodes of a grid: sampled and checked, closed on their boundary, or bounded by cell."""
 
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
-from sdhj.kernels import FloatArray, read_only
-from sdhj.problem.grid import Grid, Window
+from sdhj.kernels import FloatArray
+from sdhj.problem.grid import Grid
 from sdhj.problem.sets import LARGEST, STEEP
 
 SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0, so that nodes outside count as inside
@@ -21,19 +20,18 @@ def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: s
     """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, sampled piece by piece.
 
     ValueError, with the set's `name`, where a value is not finite, or out of the range of single precision
-    (`checked_values_at`).
+    (`checked_values`).
     """
-    values = [checked_values_at(function, piece.points(), name) for piece in grid.pieces()]
+    values = [checked_values(function(points), points, name) for points in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
-def checked_values_at(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
+def checked_values(values: FloatArray, points: FloatArray, name: str) -> FloatArray:
     """The values (M,) of a level-set function at points (M, ndim), after a check that single precision can hold them.
 
     ValueError, with the set's `name`, where a value is not finite, above `LARGEST` in magnitude, or below `SMALLEST`
     and not 0, so that it would become 0. There must be at least one point.
     """
-    values = function(points)
     if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
         raise ValueError(
             f"level set of {name!r} may be undefined or infinite at {points[int(np.argmin(finite))].tolist()}, by the "
@@ -76,23 +74,14 @@ def neighbour(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -
 
 
 def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
-    """The largest |value| of a level-set function of points at the corners of a grid; for a window, of the whole grid.
+    """The largest |value| of a level-set function of points at the corners of a grid.
 
     Undefined and infinite values count as 0; the result is 1 where all are 0. What counts as rounding is relative to
-    this, so that neither the function's unit nor a window makes a difference.
-    """
-    corners = _corners(getattr(grid, "whole", grid))
-    return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
-
-
-@lru_cache(maxsize=16)
-def _corners(grid: Grid) -> FloatArray:
-    """The 2^ndim corners of a grid, the first and the last nodes of its axes: (2^ndim, ndim), read-only.
-
-    Equal grids get the same array.
+    this, so that the function's unit makes no difference.
     """
     ends = [grid.nodes(axis)[[0, -1]] for axis in range(grid.ndim)]
-    return read_only(np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1))
+    corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
+    return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
 
 
 def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
@@ -149,26 +138,8 @@ def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], a
     return found if grid.periodic[axis] else np.where((moved >= 0) & (moved < n), found, np.nan)
 
 
-def with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
-    """A window enlarged by up to `AROUND` nodes on each side, as far as the whole grid goes, and where the window lies
-    in it.
-
-    The second result is an index (`np.ix_`) of the window's nodes in arrays of the enlarged one. On a periodic axis the
-    enlarged window may be the whole axis.
-    """
-    first, shape, places = [], [], []
-    for n, begin, count, periodic in zip(grid.whole.shape, grid.first, grid.shape, grid.periodic, strict=True):
-        low, high = begin - AROUND, begin + count + AROUND
-        low, high = (low, high) if periodic else (max(low, 0), min(high, n))
-        low, high = (0, n) if high - low >= n else (low, high)
-        first.append(low % n)
-        shape.append(high - low)
-        places.append((begin + np.arange(count) - low) % n)
-    return grid.whole.window(first, shape), np.ix_(*places)
-
-
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape); not for windows.
+    """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape).
 
     It is the least, over the points z that cut each cell's edge into `FINE` parts, of
 

@@ -1,23 +1,25 @@
 """The robust motion planning problem of Sec. 2 and 3, as data.
 
-All code that solves a problem or uses its table (kernels, games, recursion, controller) sees the robot only through the
-arrays that a `ReachAvoidProblem` samples on its grid: `statement` has its fields and what follows from them, `sampled`
-the level-set functions at nodes and states, `consistency` what is checked when one is made.
+A `ReachAvoidProblem` is a record, with what is a function of state and time. `consistency` has what is checked when one
+is made; what has nodes is made of it by those who solve it (`sdhj.problem.samples`).
 """
 
 import json
 import reprlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sdhj.formulas.graph import MOST_TABLES
-from sdhj.kernels import Sealed
-from sdhj.problem.checks import number, option, whole
+from sdhj.formulas.formula import BlackBox, Formula
+from sdhj.formulas.graph import MOST_TABLES, Lookup
+from sdhj.formulas.remembering import Remembering
+from sdhj.formulas.text import written
+from sdhj.kernels import FloatArray, Sealed, kept
+from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.consistency import (
     check_inputs,
     check_sensing,
@@ -27,19 +29,21 @@ from sdhj.problem.consistency import (
     compared_times,
     try_goals,
 )
-from sdhj.problem.describing import arrays_of, described, digest_of
+from sdhj.problem.describing import LAYOUT, arrays_of, described, digest_of
 from sdhj.problem.dynamics import Dynamics, VectorField
 from sdhj.problem.grid import Grid
-from sdhj.problem.sampled import Sampled
+from sdhj.problem.interval import Interval
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, VIEW_TIMES, TargetSet, UnsafeSet
+from sdhj.problem.steepness import growth_bound, lipschitz_bounds
 
+FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
 MOST_DELTA = 1e15  # s
 
 
 @dataclass(frozen=True)
-class ReachAvoidProblem(Sampled):
+class ReachAvoidProblem(Remembering):
     """The task to reach a target within N steps and never touch an unsafe set, against any adversary (Definition 1).
 
     Parameters
@@ -89,6 +93,17 @@ class ReachAvoidProblem(Sampled):
     >>> sdhj.solve(problem).contains([[0.0], [0.99], [1.01]], start=0)
     array([ True,  True, False])
     """
+
+    grid: Grid
+    dynamics: VectorField  # as `Dynamics.read` made it
+    target: TargetSet  # `ANYWHERE`, the same object, where there is no target
+    unsafe: tuple[UnsafeSet, ...]
+    delta: float
+    steps: int | Any  # N; None for a problem without a number of steps
+    view_time: str = "swept"
+    name: str = "problem"
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    sensing: Sensing = field(default_factory=Sensing)
 
     if TYPE_CHECKING:  # what is given, where the fields are what is made of it
 
@@ -208,3 +223,300 @@ class ReachAvoidProblem(Sampled):
         Made once, black boxes being called.
         """
         return digest_of(described(self), arrays_of(self))
+
+    # ---- numbers, steps and times
+
+    @property
+    def most_steps(self) -> int:
+        """N, the number of steps; `FOREVER`, the most that are solved, for a problem without a number of steps."""
+        return self.steps or FOREVER
+
+    @cached_property
+    def time_invariant(self) -> bool:
+        """Whether nothing depends on time: neither the dynamics nor the target nor an unsafe set; made once."""
+        return not (
+            self.dynamics.depends_on_time or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe)
+        )
+
+    @property
+    def has_no_target(self) -> bool:
+        """Whether the task is only to stay clear of the unsafe sets, for all steps."""
+        return self.target is ANYWHERE
+
+    @property
+    def all_sets(self) -> tuple[TargetSet | UnsafeSet, ...]:
+        """The target, where there is one, and then the unsafe sets."""
+        return *(() if self.has_no_target else (self.target,)), *self.unsafe
+
+    @property
+    def inputs(self) -> FloatArray:
+        """The inputs u_j that the robot can choose from, (L, m), one in each row, as they were given to `Dynamics`.
+
+        Read-only.
+        """
+        return self.dynamics.inputs
+
+    def time(self, step: int) -> float:
+        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`.
+
+        Parameters
+        ----------
+        step : float
+            k, from 0 to N; parts of a step count.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.time(2)
+        1.0
+        """
+        return step * self.delta + self.sensing.delay
+
+    def span(self, step: int) -> tuple[float, float]:
+        """Earliest begin and latest end, s, of the time in which the input of step k is held: time(k) - jitter, time(k
+        + 1) + jitter.
+        """
+        return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
+
+    @kept
+    def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        """Half-widths of E, the box around a prediction that holds the state, and by how much reachable boxes are
+        widened.
+
+        (ndim,) each, in the units of the axes; both 0 without a `Sensing`; read-only, made once. E = w(delay) of dw/dt
+        = A w + b + jumps, w(0) = error (`steepness.lipschitz_bounds`, `growth_bound`). Boxes of reachable states are
+        widened so that they hold the next prediction too: by E + w(h), where dw/dt = A w + jumps, w(0) = E, and h is
+        the longest hold (`Sensing.hold`). With memory they are widened so that they hold the next point that the
+        controller carries on: by `error_growth` - b h.
+
+        ValueError where black boxes declare too little for A and b.
+        """
+        sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
+        if not sensing:
+            return nothing, nothing
+        slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = growth_bound(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
+        if sensing.remembers:
+            return box, self.error_growth - push * sensing.hold(self.delta)[0]
+        return box, box + growth_bound(slope, jumps, box, self.delta + 2 * sensing.jitter)
+
+    @kept
+    def error_growth(self) -> FloatArray:
+        """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,).
+
+        w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.lipschitz_bounds`, `growth_bound`), and h = delta
+        + 2 jitter is the longest hold. A state within E of a point c is then within E + this of where c is led under
+        the same input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for
+        A and b, or a velocity may be undefined.
+        """
+        slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = growth_bound(
+            slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay
+        )
+        return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
+
+    def interval(self, step: int) -> Interval:
+        """The motion from step k to k + 1, for the time in which an input may be held; made once.
+
+        One object for all steps if the dynamics do not depend on time; then `step` is ignored. Its boxes are widened by
+        half_widths[1]. step : k >= 0, also beyond N. ValueError where `half_widths` raises it.
+        """
+        step = step if self.dynamics.depends_on_time else 0
+        return self.remembered(("interval", step), lambda: self._interval(step))
+
+    def _interval(self, step: int) -> Interval:
+        """A new interval, which `interval` keeps."""
+        lasts = self.sensing.hold(self.delta)
+        return Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
+
+    def moves(self, unsafe_set: UnsafeSet) -> bool:
+        """Whether the avoid tubes of an unsafe set differ from step to step: the set moves, or the dynamics depend on
+        time.
+        """
+        return unsafe_set.moving or self.dynamics.depends_on_time
+
+    # ---- the sets at states
+
+    def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
+        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).
+
+        part : the set, of this grid's axes. Coordinates on periodic axes are wrapped. The shape of the states is not
+        checked.
+        """
+        return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
+
+    def target_value(self, points: FloatArray, t: float) -> FloatArray:
+        """Level-set function of the target at states (M, ndim), without interpolation: (M,).
+
+        Parameters
+        ----------
+        points : (M, ndim) array
+            States, in the units of the grid's axes.
+        t : float
+            The time, s.
+
+        Returns
+        -------
+        (M,) array
+            In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -1.
+
+        Raises
+        ------
+        ValueError
+            If the states have another shape or are no numbers, if t is not a finite number, or if the function is
+            undefined at a state.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.target_value([[0.25], [2.0]], 0.0)
+        array([-0.75,  1.  ])
+        """
+        return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
+
+    def unsafe_value(self, points: FloatArray, t: float, inputs: FloatArray | None = None) -> FloatArray:
+        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision.
+
+        Parameters
+        ----------
+        points : (M, ndim) array
+            States, in the units of the grid's axes.
+        t : float
+            The time, s.
+        inputs : (M,) int array, optional
+            Indices into problem.inputs of what is applied there, for sets that are unsafe under some inputs only. By
+            default the sets count that are unsafe under all.
+
+        Returns
+        -------
+        (M,) array
+            In the unit of the sets' functions, m if these are distances; <= 0 is a collision. +inf where no set counts.
+
+        Raises
+        ------
+        ValueError
+            If the states have another shape or are no numbers, if t is not a finite number, or if a function is
+            undefined at a state.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.unsafe_value([[2.5], [3.5]], 0.0)
+        array([ 0.5, -0.5])
+        """
+        points = points_array("points", points, self.grid.ndim)
+        return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
+
+    def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
+        """Level-set function of G along M paths of T states, without interpolation: (M, T); +inf where no set counts.
+
+        points (M, T, ndim) : states, column i at times[i], s. times : ascending; equal ones are evaluated together.
+        inputs (M,) : the index of the input that acts on each path, whose sets count; without it those that are unsafe
+        under all inputs.
+        """
+        ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
+        wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
+        firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
+        for unsafe_set in self.unsafe:
+            counts = unsafe_set.counts(inputs)
+            for begin, end in (pairwise(firsts) if unsafe_set.moving else [(0, len(times))]) if counts.any() else ():
+                at = wrapped[:, begin:end].take(unsafe_set.axes, axis=2).reshape(-1, len(unsafe_set.axes))
+                value = unsafe_set.level_set(at, times[begin]).reshape(len(points), end - begin)
+                np.minimum(out[:, begin:end], value, out=out[:, begin:end], where=counts.reshape(-1, 1))
+        return out
+
+    def arrived(self, states: FloatArray, step: int) -> FloatArray:
+        """Which of states (M, ndim) at a step are in the target and in no unsafe set, by the level-set functions.
+
+        Their numbers, (R,) int64, ascending. None where a function is undefined, off the grid, and with a `Sensing`,
+        where the true state is not known.
+        """
+        level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
+        if self.has_no_target or self.sensing:
+            return np.zeros(0, np.int64)
+        points, rows = self.grid.wrapped(states), None
+        if isinstance(level_set, Formula):  # in a third of the time; it has values off the grid, too
+            rows = np.flatnonzero(level_set(points.take(axes, axis=1), t, finite=False) <= 0.0)
+            if not rows.size:
+                return rows
+        known = np.isfinite(states).all(axis=1) & ~self.grid.beyond(states, "fails", "holds", "frees")
+        rows = np.flatnonzero(known) if rows is None else rows[known[rows]]
+        there = points[rows]
+        return rows[(self.value_of(self.target, there, t) <= 0.0) & (self.unsafe_value(there, t) > 0.0)]
+
+    def surely_in_no_tube(self, points: FloatArray, step: int, within: int) -> FloatArray:
+        """Whether states (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
+
+        A state is in none if it is in G at the step's time, where those sets count that are unsafe under all inputs; or
+        if within = 0, there is a target, and the state is not in it. By the level-set functions without interpolation.
+        """
+        t = self.time(step)
+        lost = self.unsafe_value(points, t) <= 0.0
+        return lost if within or self.has_no_target else lost | (self.target_value(points, t) > 0.0)
+
+    # ---- what files and digests have of it
+
+    @property
+    def opaque(self) -> dict[str, str]:
+        """{name in `functions`: words on what its author declares} for each function that is a black box."""
+        boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
+        fields = ("reads", "slope", "rate", "enclosure")
+        known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
+        return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
+
+    def black_box(self, name: str) -> BlackBox:
+        """The black box of that name in `functions`; AssertionError if it is a formula, KeyError if there is none."""
+        found = self.functions[name]
+        assert isinstance(found, BlackBox)
+        return found
+
+    @property
+    def functions(self) -> "dict[str, Formula | BlackBox]":
+        """All functions of the problem that there are, by the names that files give them.
+
+        "drift" and "gain", or "velocity" where v does not enter linearly; "bounds", "target", and for each unsafe set i
+        "unsafe i" and "swept i".
+        """
+        dynamics = self.dynamics
+        named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
+        named |= {"bounds": dynamics.bounds, "target": None if self.has_no_target else self.target.level_set}
+        for i, part in enumerate(self.unsafe):
+            named |= {f"unsafe {i}": part.level_set, f"swept {i}": part.swept}
+        return {name: part for name, part in named.items() if part is not None}
+
+    @property
+    def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
+        """{name in `functions`: lines of text} for each formula, and the list of the tables that formulas look up.
+
+        The lines refer to tables by their position in the list (`sdhj.formulas.text.written`). Made anew each time.
+        """
+        tables: list[Lookup] = []
+        found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
+        return found, tables
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Everything that a table depends on beside functions, as plain numbers, lists and text for the head of a file.
+
+        Keys: delta, steps, view_time, grid, inputs, sensing and sets, the target, if there is one, before the unsafe
+        sets.
+        """
+        sets: list[dict[str, Any]] = [
+            {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
+            | ({} if p.inputs is None else {"inputs": list(p.inputs)})
+            for p in self.unsafe
+        ]
+        if not self.has_no_target:
+            sets.insert(0, {"name": self.target.name, "kind": "target", "axes": list(self.target.axes)})
+        return {
+            "delta": self.delta,
+            "steps": self.steps,
+            "view_time": self.view_time,
+            "grid": {name: getattr(self.grid, name) for name in LAYOUT},
+            "inputs": self.inputs.tolist(),
+            "sensing": self.sensing.entry_in_head,
+            "sets": sets,
+        }

@@ -9,11 +9,10 @@ import numpy as np
 from sdhj.formulas.formula import Formula, restored
 from sdhj.formulas.text import CLOSE, FORMAT, alike
 from sdhj.kernels import FloatArray
-from sdhj.problem.describing import blackbox_values
+from sdhj.problem.describing import LAYOUT, blackbox_values
 from sdhj.problem.dynamics import CUTS, VectorField
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
-from sdhj.problem.statement import LAYOUT
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
@@ -71,7 +70,7 @@ def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """The formulas that a file describes, {name in `Statement.functions`: Formula}.
+    """The formulas that a file describes, {name in `ReachAvoidProblem.functions`: Formula}.
 
     Formulas with a name that no part of the problem has are left out. ValueError where a formula has other coordinates,
     parameters or results than its name says, or cannot be read.

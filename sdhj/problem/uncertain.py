@@ -6,10 +6,10 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
-from sdhj.problem.statement import Statement
+from sdhj.problem.problem import ReachAvoidProblem
 
 
-def eroded_by_error(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
+def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
     """Shrink a set by the box E: level-set function of the points x for which all of x +- E is in the set and past no
     unsafe end.
 
@@ -31,7 +31,7 @@ def eroded_by_error(problem: Statement, values: FloatArray, axes: Sequence[int] 
     return out
 
 
-def must_lead_into(problem: Statement, values: FloatArray) -> FloatArray:
+def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray:
     """Level-set function, (*shape), of the states to which an interval must lead so that the controller's point is in a
     set.
 
@@ -49,7 +49,7 @@ def must_lead_into(problem: Statement, values: FloatArray) -> FloatArray:
     return out
 
 
-def largest_in_error_box(problem: Statement, values: FloatArray, points: FloatArray) -> FloatArray:
+def largest_in_error_box(problem: ReachAvoidProblem, values: FloatArray, points: FloatArray) -> FloatArray:
     """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
 
     values (*shape) : of the function. E is problem.half_widths[0]; the box is clipped at walls. On each axis the

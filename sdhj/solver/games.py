@@ -22,7 +22,7 @@ from sdhj.kernels.union import EIGHT
 from sdhj.problem.boxes import Maxima, maxima, one_by_one, out_of_danger
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities, narrowed
-from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import Moved, maxima_over_sets, maximum_over_paths
 from sdhj.solver.schemes import (
@@ -70,7 +70,7 @@ class Games(Protocol):
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
         """For each input the avoid tube of an unsafe set over the interval from a step.
 
-        The result has the shape (L, *subgrid of problem.avoid_axes(unsafe_set)).
+        The result has the shape (L, *subgrid of samples.avoid_axes(unsafe_set.axes)).
 
         A level-set function: <= 0 where the input stays clear of the set.
         """
@@ -146,14 +146,14 @@ def in_eights(reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
         yield Pieces(inputs[0], values[0].shape, [np.stack(values)], [tuple(range(values[0].ndim))])
 
 
-def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
+def past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
     """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
 
     It is 0 for periodic axes and for axes without a drift. For others it is, in nodes and rounded up, as far as the
     disturbance pushes the state in an interval, or as far as the drift leads if that is less, and `BEYOND` nodes more.
     """
-    grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
-    farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
+    grid, (drift, gain, bounds) = samples.grid, samples.dynamics.arrays
+    farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * samples.interval(0).delta
     cells = farthest / grid.spacing
     meets = drift.any(axis=0) & ~np.array(grid.periodic)
     walled = [meets[axis] and np.isfinite(cells[axis]) for axis in axes]  # what is undefined is said later
@@ -180,21 +180,20 @@ class ObstacleFunction:
     instant: bool
 
     @classmethod
-    def of(cls, problem: ReachAvoidProblem, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
-        """The obstacle function of an unsafe set of the problem, on `axes`, ascending, which include those of the set.
+    def of(cls, samples: Samples, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
+        """The obstacle function of an unsafe set of the samples, on `axes`, ascending, which include those of the set.
 
         With view_time="instantaneous" `values_over` is to be called for each time step of the interval, else once for
         the whole interval.
         """
-        instant = unsafe_set.moving and problem.view_time == "instantaneous"
-        view_time = "swept" if instant else problem.view_time
-        grid, places = problem.grid.subgrid(axes), [axes.index(axis) for axis in unsafe_set.axes]
+        instant = unsafe_set.moving and samples.problem.view_time == "instantaneous"
+        view_time = "swept" if instant else None
+        grid, places = samples.grid.subgrid(axes), [axes.index(axis) for axis in unsafe_set.axes]
 
         # on the set's own axes in memory, of which there may be fewer
         def values_over(t0: float, t1: float) -> FloatArray:
             """max of -g over [t0, t1], s, on the subgrid: (*subgrid), a read-only view, kept on the set's own axes."""
-            values = -problem.unsafe_over(unsafe_set, t0, t1, view_time=view_time)
-            return np.broadcast_to(grid.lift(values, places), grid.shape)
+            return np.broadcast_to(grid.lift(-samples.sample(unsafe_set, t0, t1, view_time), places), grid.shape)
 
         return cls(axes, values_over, instant)
 
@@ -207,9 +206,10 @@ class _OnAxes:
 
     Attributes
     ----------
-    problem : ReachAvoidProblem
+    samples : Samples
+        Of the problem, on whose grid games are played.
     axes : tuple of int
-        Those of the problem's grid on which reach games are played.
+        Those of the samples' grid on which reach games are played.
     grid : Grid
         Their subgrid.
     count : int
@@ -220,12 +220,12 @@ class _OnAxes:
 
     dtype: str
 
-    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
-        """Games on `axes` of the problem's grid, None for all."""
-        self.problem = problem
-        self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
-        self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
-        interval, self.count = problem.interval(0), len(problem.inputs)
+    def __init__(self, samples: Samples, axes: Sequence[int] | None) -> None:
+        """Games on `axes` of the samples' grid, None for all."""
+        self.samples = samples
+        self.axes: Axes = tuple(range(samples.grid.ndim)) if axes is None else tuple(axes)
+        self.grid = samples.grid if axes is None else samples.grid.subgrid(axes)
+        interval, self.count = samples.interval(0), len(samples.problem.inputs)
         self.duration, self.early = interval.delta, interval.early
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
@@ -248,11 +248,12 @@ class _OnAxes:
         return one_by_one(self.grouped_reach_sets(values, step))
 
     def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes of an unsafe set over the interval from a step: (L, *subgrid of problem.avoid_axes).
+        """The avoid tubes of an unsafe set over the interval from a step: (L, *subgrid of its avoid_axes).
 
         out : where they are written; None: to a new array.
         """
-        return self.tubes(ObstacleFunction.of(self.problem, unsafe_set, self.problem.avoid_axes(unsafe_set)), step, out)
+        axes = self.samples.avoid_axes(unsafe_set.axes)
+        return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
         """The avoid tubes of an obstacle function over the interval from a step, > 0 in danger: (L, *its subgrid).
@@ -267,7 +268,7 @@ class _OnAxes:
 
     def no_tubes(self, obstacle: ObstacleFunction, out: FloatArray | None = None) -> FloatArray:
         """Avoid tubes where nothing is to be avoided: -inf, (L, *subgrid of obstacle.axes), in `out` or a new array."""
-        shape = self.count, *self.problem.grid.subgrid(obstacle.axes).shape
+        shape = self.count, *self.samples.grid.subgrid(obstacle.axes).shape
         out = np.empty(shape, self.dtype) if out is None else out
         out.fill(-np.inf)
         return out
@@ -295,29 +296,29 @@ class HJIGames(_OnAxes):
         PDEs solved so far; one in the moving frame counts once for all inputs.
     """
 
-    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
-        """Games on `axes` of the problem's grid, None for all, by a scheme.
+    def __init__(self, samples: Samples, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
+        """Games on `axes` of the samples' grid, None for all, by a scheme.
 
         ValueError where, in the moving frame, the drift crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an
         interval.
         """
-        super().__init__(problem, axes)
+        super().__init__(samples, axes)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
-        self._bytes_left, self._begun = KEPT, problem.interval(0).begin
+        self._bytes_left, self._begun = KEPT, samples.interval(0).begin
         if self.moving_frame:
             checked_travel(self.grid, np.abs(self.drift).max(axis=0), self.duration)
 
     @property
     def drift(self) -> FloatArray:
         """The velocity under each input along the games' axes: (L, axes); only where it is constant."""
-        return self.problem.dynamics.arrays[0][:, self.axes]
+        return self.samples.dynamics.arrays[0][:, self.axes]
 
     @property
     def push(self) -> FloatArray:
         """max |gain_id v_d| = |gain_id| bounds_d along each of the games' axes: (axes, D); only where constant."""
-        _, gain, bounds = self.problem.dynamics.arrays
+        _, gain, bounds = self.samples.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
@@ -338,13 +339,15 @@ class HJIGames(_OnAxes):
         # Without a target, where sets shrink away from unsafe ends step by step, finite differences are kept, though on
         # a line shifts would be better: after 30 steps of a fifth of a cell, at 41 nodes, 0.067 of the set is promised
         # wrongly by differences and 0.057 by shifts.
-        if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
+        if self.scheme.frame == "fixed" or not self.samples.dynamics.constant:
             return False
         wall, push = np.isfinite(self.grid.faces("holds")).any(axis=0), self.push
         several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
         coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
         shrinks = (
-            self.problem.has_no_target & np.isfinite(self.grid.faces("fails")).any(axis=0) & self.drift.any(axis=0)
+            self.samples.problem.has_no_target
+            & np.isfinite(self.grid.faces("fails")).any(axis=0)
+            & self.drift.any(axis=0)
         )
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
@@ -360,7 +363,7 @@ class HJIGames(_OnAxes):
         # component moves several axes, not all of a box can be reached.
         far = self.push.sum(axis=1) * self.duration
         return (
-            far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.problem.dynamics.couples(self.axes))
+            far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.samples.dynamics.couples(self.axes))
         )
 
     @property
@@ -378,8 +381,8 @@ class HJIGames(_OnAxes):
         Past an end the values at the end continue: at a wall the state stays there, past a safe end it has won, and
         from an unsafe end it cannot come, which the avoid games see to.
         """
-        past = past_ends(self.problem, self.axes)
-        return self.grid.extended(past) if any(past) else self.grid, past
+        past = past_ends(self.samples, self.axes)
+        return self.grid.wider([(n, n) for n in past]) if any(past) else self.grid, past
 
     @property
     def apart(self) -> bool:
@@ -413,7 +416,7 @@ class HJIGames(_OnAxes):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             nodes = (range(n)[some] for n, some in zip(self.grid.shape, inner, strict=True))
             inner = tuple(slice(n + some.start, n + some.stop) for n, some in zip(past, nodes, strict=True))
-        pushes = self._field(0, self.axes, step, self.problem.interval(step).begin, drift=False)
+        pushes = self._field(0, self.axes, step, self.samples.interval(step).begin, drift=False)
         far = self.displacement_by_disturbance
 
         self.solved += 1
@@ -445,12 +448,12 @@ class HJIGames(_OnAxes):
         much.
         """
         along = self.moving_frame and not self.drift[:, ~np.array(self.grid.periodic)].any()
-        return along and not self.problem.dynamics.couples(axes)
+        return along and not self.samples.dynamics.couples(axes)
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
         """The games of the same problem and axes by the Hopf-Lax formula, made once; only where these exist."""
-        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes)
+        return HopfLaxGames(self.samples, SHIFT, self.dtype, self.axes)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
         """As `_OnAxes.tubes`: by the Hopf-Lax formula where it applies (`uses_hopf_lax`), else by differences."""
@@ -463,7 +466,7 @@ class HJIGames(_OnAxes):
 
         The tubes are on the subgrid of obstacle.axes.
         """
-        grid, steps = self.problem.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
+        grid, steps = self.samples.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         at = self.obstacle_at(obstacle, step, steps)
         least: Any = at if obstacle.instant else at(0.0)
         for j in range(self.count):
@@ -480,7 +483,7 @@ class HJIGames(_OnAxes):
         At each tau it is swept over the time step that begins there, of `steps` in the interval; or, where the obstacle
         is not `instant`, over the whole interval. Values are kept as long as the function.
         """
-        t0, t1 = self.problem.span(step)
+        t0, t1 = self.samples.problem.span(step)
 
         @cache
         def at(tau: float) -> FloatArray:
@@ -502,8 +505,8 @@ class HJIGames(_OnAxes):
 
         drift : False leaves the drift out.
         """
-        interval = self.problem.interval(step)
-        if not self.problem.dynamics.depends_on_time:
+        interval = self.samples.interval(step)
+        if not self.samples.dynamics.depends_on_time:
             return self._field(j, axes, step, interval.begin, drift)
         if interval.begin != self._begun:
             self._fields.clear()
@@ -517,10 +520,10 @@ class HJIGames(_OnAxes):
             steps, which `steps` counts, are too long at t.
         """
         if (key := (j, axes, drift, t)) not in self._fields:
-            field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
-            own = self.problem.grid.subgrid(axes)
+            field = self.samples.interval(step).velocities(j, axes, t, drift=drift)
+            own = self.samples.grid.subgrid(axes)
             if (
-                self.problem.dynamics.depends_on_time
+                self.samples.dynamics.depends_on_time
                 and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1
             ):
                 raise too_restless_error(self.duration)
@@ -538,12 +541,12 @@ class HJIGames(_OnAxes):
 
         axes : the axes on which the game is played.
         """
-        key = axes, step if self.problem.dynamics.depends_on_time else 0
+        key = axes, step if self.samples.dynamics.depends_on_time else 0
         if key not in self._steps:
-            grid, delta, cfl = self.problem.grid.subgrid(axes), self.duration, self.scheme.cfl
+            grid, delta, cfl = self.samples.grid.subgrid(axes), self.duration, self.scheme.cfl
             most = 1
             for j in range(self.count):
-                field, interval = self.velocities(j, axes, step), self.problem.interval(step)
+                field, interval = self.velocities(j, axes, step), self.samples.interval(step)
                 times = interval.begin + delta * INSTANTS
                 fields = [interval.velocities(j, axes, t) for t in times] if callable(field) else [field]
                 most = max(most, *(one.steps(grid, delta, cfl) for one in fields))
@@ -565,31 +568,31 @@ class HopfLaxGames(_OnAxes):
     interpolation : {"limited", "linear"}
     dtype : {"float32", "float64"}
     cells : (ndim,) array
-        How many cells the state crosses along each axis of the problem's grid in an interval, at most.
+        How many cells the state crosses along each axis of the samples' grid in an interval, at most.
     """
 
     solved = 0  # a formula in place of PDEs
     shifted = True  # as `HJIGames.shifted`
 
-    def __init__(self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None) -> None:
-        """Games on `axes` of the problem's grid, None for all; the other arguments are attributes of the class.
+    def __init__(self, samples: Samples, interpolation: str, dtype: str, axes: Any = None) -> None:
+        """Games on `axes` of the samples' grid, None for all; the other arguments are attributes of the class.
 
         ValueError where velocities depend on the state, cross more than `sdhj.solver.schemes.MOST_STEPS` cells in an
         interval, or change too fast within an interval.
         """
-        super().__init__(problem, axes)
-        if not problem.dynamics.stateless:
+        super().__init__(samples, axes)
+        if not samples.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
-        timed, speed = problem.dynamics.depends_on_time, np.zeros(problem.grid.ndim)
-        for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
+        timed, speed = samples.dynamics.depends_on_time, np.zeros(samples.grid.ndim)
+        for interval in (samples.interval(step) for step in range(samples.problem.steps if timed else 1)):
             for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
             parts = (0, self.duration), (0, self.duration / 2), (self.duration / 2, self.duration)
             whole, first, second = (np.array(interval.displacement_boxes(*part)) for part in parts)
-            if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
+            if (np.abs(whole - first - second) > np.array(samples.grid.spacing) / 100).any():
                 raise too_restless_error(self.duration)
-        self.cells = checked_travel(problem.grid, speed, self.duration)
+        self.cells = checked_travel(samples.grid, speed, self.duration)
         self._about: tuple[Interval | None, dict[Any, Any]] = None, {}
 
     def _kept_for_interval(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
@@ -613,7 +616,7 @@ class HopfLaxGames(_OnAxes):
 
         values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
         """
-        interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
+        interval, parts = self.samples.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = (self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)).tolist()
         some = list(self.axes)
         path = self._kept_for_interval(
@@ -641,9 +644,9 @@ class HopfLaxGames(_OnAxes):
 
         They come some inputs at a time, over a box and segments for each input.
         """
-        problem, axes = self.problem, list(obstacle.axes)
-        grid, pieces, interval = problem.grid.subgrid(axes), self.pieces(axes), problem.interval(step)
-        times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
+        samples, axes = self.samples, list(obstacle.axes)
+        grid, pieces, interval = samples.grid.subgrid(axes), self.pieces(axes), samples.interval(step)
+        times = samples.problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if obstacle.instant else obstacle.values_over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = obstacle.values_over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
@@ -652,7 +655,7 @@ class HopfLaxGames(_OnAxes):
 
     def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
         """For each input a box and segments that hold all its displacements in one piece of an interval; kept."""
-        parts = 5 if self.problem.dynamics.depends_on_time else 2
+        parts = 5 if self.samples.dynamics.depends_on_time else 2
         ends = (self.duration * np.linspace(piece, piece + 1, parts) / pieces).tolist()
         return self._kept_for_interval(
             interval, (*axes, piece, pieces), lambda: self._displacement_sets(interval, axes, ends)
@@ -661,7 +664,7 @@ class HopfLaxGames(_OnAxes):
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
         """For each input a box and segments whose sum holds its displacements at all times in `ends`.
 
-        axes : the axes of the problem's grid along which displacements are returned, in this order.
+        axes : the axes of the samples' grid along which displacements are returned, in this order.
         ends : s from the interval's begin, ascending, at least one.
         """
         boxes = np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes]

@@ -73,7 +73,7 @@ def maxima_over_sets(
         return
     for first, end in moved.runs():
         raised = maximum_over_segments(grid, values, moved.halves[first], interpolation)
-        lasting = grid.extended([0] * grid.ndim)  # on which nobody is out of danger half of the way
+        lasting = grid.wider([(0, 0)] * grid.ndim)  # on which nobody is out of danger half of the way
         for some in maxima(lasting, raised, moved.low[first:end], moved.high[first:end], interpolation, wanted):
             yield some._replace(first=first + some.first)
 

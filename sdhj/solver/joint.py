@@ -14,6 +14,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.checks import Options
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, ObstacleFunction, Pieces, in_eights
 from sdhj.solver.recursion import GridSets
 from sdhj.solver.schemes import Scheme, checked_scheme, evolve_with_early_end
@@ -29,7 +30,7 @@ class JointGames(HJIGames):
     @property
     def shifted(self) -> bool:
         """Whether the moving frame is used: as for `HJIGames`, but never with unsafe sets, which would move in it."""
-        return super().shifted and not self.problem.unsafe
+        return super().shifted and not self.samples.unsafe
 
     def grouped_reach_sets(self, values: FloatArray, step: int, some: range | None = None) -> Iterator[Maxima | Pieces]:
         """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time.
@@ -40,12 +41,12 @@ class JointGames(HJIGames):
         values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
         some : the inputs that are meant, only where they are `apart`; None: all.
         """
-        problem, grid = self.problem, self.grid
-        if not problem.unsafe:
+        samples, grid = self.samples, self.grid
+        if not samples.unsafe:
             yield from super().grouped_reach_sets(values, step, some)
             return
         steps = self.steps(self.axes, step)
-        obstacles = [ObstacleFunction.of(problem, unsafe_set, unsafe_set.axes) for unsafe_set in problem.unsafe]
+        obstacles = [ObstacleFunction.of(samples, unsafe_set, unsafe_set.axes) for unsafe_set in samples.unsafe]
         unsafe = [self.obstacle_at(obstacle, step, steps) for obstacle in obstacles]
 
         @cache
@@ -61,8 +62,8 @@ class JointGames(HJIGames):
             for j in range(self.count) if some is None else some:
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)
-                which = tuple(place for place, one in enumerate(problem.unsafe) if one.counts(j))
-                instant = problem.view_time == "instantaneous"
+                which = tuple(place for place, one in enumerate(samples.unsafe) if one.counts(j))
+                instant = samples.problem.view_time == "instantaneous"
                 met: Any = None if not which else partial(union, which) if instant else union(which, 0.0)
                 given = grid, values, velocities, self.duration, self.scheme, self.early
                 yield j, evolve_with_early_end(*given, obstacle=met, steps=steps)[grid.inner]
@@ -124,9 +125,9 @@ class Joint(Options):
         """The options of the scheme as plain values by name; a table's details have them."""
         return dict(vars(self.scheme))
 
-    def on(self, problem: ReachAvoidProblem) -> JointGames:
+    def on(self, samples: Samples) -> JointGames:
         """The games of the intervals of a problem."""
-        return JointGames(problem, self.scheme)
+        return JointGames(samples, self.scheme)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> JointSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`; as `HJI.sets`."""

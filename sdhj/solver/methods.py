@@ -12,6 +12,7 @@ from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
 from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, HopfLaxGames
 from sdhj.solver.recursion import GridSets, TubeSets
 from sdhj.solver.schemes import DTYPES, Scheme, checked_scheme
@@ -68,9 +69,9 @@ class HJI(Options):
         """The options of the scheme as plain values by name; a table's details have them."""
         return dict(vars(self.scheme))
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
+    def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HJIGames:
         """The games of the intervals of a problem, on some axes, by default all."""
-        return HJIGames(problem, self.scheme, axes)
+        return HJIGames(samples, self.scheme, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`.
@@ -125,9 +126,9 @@ class HopfLax(Options):
         """All options as plain values by name; a table's details have them."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
+    def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HopfLaxGames:
         """The games of the intervals of a problem by the Hopf-Lax formula, on some axes, by default all."""
-        return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
+        return HopfLaxGames(samples, self.interpolation, self.dtype, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`; otherwise as `HJI.sets`.

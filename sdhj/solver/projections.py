@@ -38,6 +38,7 @@ from sdhj.problem.checks import Options
 from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
 from sdhj.solver.methods import HJI, HopfLax
@@ -99,7 +100,7 @@ class ProjectedGames:
 
     Attributes
     ----------
-    problem : ReachAvoidProblem
+    samples : Samples
     inner : callable (axes) -> HJIGames or HopfLaxGames
         Makes the games on a subspace; called once for each.
     subspaces : tuple of tuple of int
@@ -111,10 +112,10 @@ class ProjectedGames:
     """
 
     def __init__(
-        self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
+        self, samples: Samples, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
         """Games of a problem on subspaces; those of the first subspace are made at once, for their dtype."""
-        self.problem, self.inner, self.subspaces = problem, inner, subspaces
+        self.samples, self.inner, self.subspaces = samples, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by position in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
         self.free: dict[int, float] = {}
@@ -141,7 +142,7 @@ class ProjectedGames:
 
         values : s (*shape) on the whole grid. With all axes kept it is `values` itself.
         """
-        for axis in reversed([axis for axis in range(self.problem.grid.ndim) if axis not in axes]):
+        for axis in reversed([axis for axis in range(self.samples.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
             most = np.empty((math.prod(before), math.prod(after)), values.dtype)
             rows = np.ascontiguousarray(values).reshape(len(most), -1, most.shape[1])
@@ -158,7 +159,7 @@ class ProjectedGames:
 
         values : (*shape) on the whole grid.
         """
-        grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
+        grid, count, pieces, end = self.samples.grid, len(self.samples.problem.inputs), list[FloatArray](), 0
         whole = tuple(n - low - high for n, (low, high) in zip(grid.shape, grid.padding, strict=True))
         shapes = [(count, *(whole[axis] for axis in axes)) for axes in self.subspaces]
         flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
@@ -180,20 +181,20 @@ class ProjectedGames:
     def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
         """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
 
-        Returns (L, *subgrid of problem.avoid_axes(unsafe_set)), <= 0 where an input stays clear of the set. out : where
-        they are written; None: to a new array.
+        Returns (L, *subgrid of samples.avoid_axes(unsafe_set.axes)), <= 0 where an input stays clear of the set. out :
+        where they are written; None: to a new array.
 
         If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
         the safe states for the outer projections to the subspaces are united, and `free` is updated. If no subspace
         keeps any of the axes, the tubes are constant: the largest value of -g.
         """
-        problem = self.problem
-        axes = problem.avoid_axes(unsafe_set)
-        grid = problem.grid.subgrid(axes)
+        samples = self.samples
+        axes = samples.avoid_axes(unsafe_set.axes)
+        grid = samples.grid.subgrid(axes)
         if any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            return self.on(tuple(range(problem.grid.ndim))).avoid(unsafe_set, step, out)
-        out = np.empty((len(problem.inputs), *grid.shape), self.dtype) if out is None else out
-        obstacle, kept = ObstacleFunction.of(problem, unsafe_set, axes), self._kept(axes)
+            return self.on(tuple(range(samples.grid.ndim))).avoid(unsafe_set, step, out)
+        out = np.empty((len(samples.problem.inputs), *grid.shape), self.dtype) if out is None else out
+        obstacle, kept = ObstacleFunction.of(samples, unsafe_set, axes), self._kept(axes)
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
@@ -203,7 +204,7 @@ class ProjectedGames:
             return sampled[t0, t1][keep]
 
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
-            obstacles = obstacle.values_over(*problem.span(step))
+            obstacles = obstacle.values_over(*samples.problem.span(step))
             self._note_free(unsafe_set, float(obstacles.max() < 0))
             out.fill(obstacles.max())
             return out
@@ -230,12 +231,12 @@ class ProjectedGames:
         projected = {}
         for keep in self._kept(axes):
             projected[keep] = obstacle.max(axis=tuple(i for i, axis in enumerate(axes) if axis not in keep))
-            self._note_free(unsafe_set, self.problem.grid.subgrid(keep).fraction(projected[keep] < 0))
+            self._note_free(unsafe_set, self.samples.grid.subgrid(keep).fraction(projected[keep] < 0))
         return projected
 
     def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
         """Raise the entry of this unsafe set in `free` to `share`, 0 to 1, of a subspace, if it is larger."""
-        position = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
+        position = next(i for i, known in enumerate(self.samples.unsafe) if known is unsafe_set)
         self.free[position] = max(share, self.free.get(position, 0.0))
 
 
@@ -415,7 +416,9 @@ class Projected(Options):
         """
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
-        return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.padded.grid))
+        return ProjectedSets(
+            problem, OnSubspaces(self.name, options, self.inner, subspaces, Samples(problem).padded.grid)
+        )
 
 
 class OnSubspaces(NamedTuple):
@@ -426,7 +429,7 @@ class OnSubspaces(NamedTuple):
         method.
     inner : the method that plays the games on the subspaces.
     subspaces : the axes that each subspace keeps, ascending.
-    grid : that of the padded problem, whose games are played on subspaces.
+    grid : that of the games, of which subspaces are taken.
     """
 
     name: str
@@ -435,11 +438,11 @@ class OnSubspaces(NamedTuple):
     subspaces: tuple[Axes, ...]
     grid: Grid
 
-    def on(self, problem: ReachAvoidProblem) -> Games:
-        """`ProjectedGames` for a problem on `grid`; for any other the games of the inner method, on all of its axes.
+    def on(self, samples: Samples) -> Games:
+        """`ProjectedGames` of samples on `grid`; of others the games of the inner method, on all of their axes.
 
-        Others are the wide problems of the ends of an axis, which have the few axes that they need.
+        Others are on the wide grids of the ends of an axis, which have the few axes that they need.
         """
-        if problem.grid != self.grid:
-            return self.inner.on(problem)
-        return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), self.subspaces)
+        if samples.grid != self.grid:
+            return self.inner.on(samples)
+        return ProjectedGames(samples, lambda axes: self.inner.on(samples, axes), self.subspaces)

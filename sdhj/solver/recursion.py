@@ -23,6 +23,7 @@ from sdhj.problem.findings import tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import LARGEST
 from sdhj.problem.uncertain import eroded_by_error, must_lead_into
 from sdhj.solver.avoid import avoid_tubes_of, dangers, never_met_finding
@@ -230,8 +231,8 @@ class GridMethod(Protocol):
         One of them must be "dtype", the type of the numbers in tubes, such as "float32".
         """
 
-    def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games of the intervals of a problem, on its whole grid; what they sample is kept with them."""
+    def on(self, samples: Samples) -> Games:
+        """The games of the intervals of a problem, on the whole grid of its samples; what they sample is kept."""
 
 
 class GridParts:
@@ -240,6 +241,8 @@ class GridParts:
     Attributes
     ----------
     problem : ReachAvoidProblem
+    samples : Samples
+        Of the problem, on its own grid; games are played on those `padded`.
     method : GridMethod
     empty : callable (shape, dtype) -> array
         Makes the arrays in which avoid tubes of all inputs are put together.
@@ -254,16 +257,16 @@ class GridParts:
 
     def __init__(self, problem: ReachAvoidProblem, method: GridMethod, empty: Callable[..., Any] = np.empty) -> None:
         """The parts of the table of a problem by a method; nothing is computed yet."""
-        self.problem, self.method, self.empty = problem, method, empty
+        self.problem, self.samples, self.method, self.empty = problem, Samples(problem), method, empty
         self.dtype: str = method.options.get("dtype", "float32")
-        kinds, found = {"avoid_static": False, "avoid_moving": True}, dangers(problem.padded)
+        kinds, found = {"avoid_static": False, "avoid_moving": True}, dangers(self.samples.padded)
         self.dangers = {name: [one for one in found if one.moves == moves] for name, moves in kinds.items()}
         self.axes = {name: tuple(sorted({i for one in some for i in one.axes})) for name, some in self.dangers.items()}
 
     @cached_property
     def games(self) -> Any:
         """The games of the method on the problem's grid with its padding, made once."""
-        return self.method.on(self.problem.padded)
+        return self.method.on(self.samples.padded)
 
     def shape(self, name: str) -> tuple[int, ...]:
         """The shape of a whole array of the table: "tubes", "marks", "avoid_static" or "avoid_moving"."""
@@ -283,34 +286,34 @@ class GridParts:
         That is the positions in problem.unsafe of the sets of which some node is in danger. The tubes are the maximum
         over all dangers of this name, and with a `Sensing` eroded by the box E.
         """
-        problem, axes, met = self.problem.padded, self.axes[name], set[int]()
-        wide = len(out), *problem.grid.subgrid(axes).shape
+        problem, samples, axes, met = self.problem, self.samples.padded, self.axes[name], set[int]()
+        wide = len(out), *samples.grid.subgrid(axes).shape
         total = out if out.shape == wide else self.empty(wide, self.dtype)
         # one on all axes first, which is written where it stays
-        some = sorted(self.dangers[name], key=lambda one: one.axes != axes or one.problem.grid != problem.grid)
+        some = sorted(self.dangers[name], key=lambda one: one.axes != axes or one.samples is not samples)
         for number, danger in enumerate(some):
-            own = danger.problem.grid == problem.grid
+            own = danger.samples is samples
             if direct := own and danger.axes == axes and not number:
                 into = total
             else:
-                into = self.empty((len(out), *danger.problem.grid.subgrid(danger.game_axes).shape), self.dtype)
+                into = self.empty((len(out), *danger.samples.grid.subgrid(danger.game_axes).shape), self.dtype)
             if not (direct or number):
                 total.fill(-np.inf)
-            tubes = avoid_tubes_of(self.games if own else self.method.on(danger.problem), danger, step, into)
+            tubes = avoid_tubes_of(self.games if own else self.method.on(danger.samples), danger, step, into)
             if tubes.max() > 0:
-                met |= {i for i, unsafe_set in enumerate(problem.unsafe) if unsafe_set == danger.unsafe_set}
+                met |= {i for i, unsafe_set in enumerate(samples.unsafe) if unsafe_set == danger.unsafe_set}
             for one, tube in zip(total, tubes, strict=True) if not direct else ():
                 lifted = np.expand_dims(tube, [place for place, axis in enumerate(axes) if axis not in danger.axes])
                 np.maximum(one, lifted, out=one)
         for tube in total if problem.sensing else ():
             tube[:] = eroded_by_error(problem, np.maximum(tube, -LARGEST), axes)  # -inf times 0 is no number
         if total is not out:
-            out[...] = total[(slice(None), *(problem.grid.inner[axis] for axis in axes))]
+            out[...] = total[(slice(None), *(samples.grid.inner[axis] for axis in axes))]
         return met
 
     def write_goal(self, step: int, tube: FloatArray) -> None:
         """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), to `tube` (*shape)."""
-        tube[...] = eroded_by_error(self.problem, self.problem.goal(step))
+        tube[...] = eroded_by_error(self.problem, self.samples.goal(step))
 
     def write_entry(
         self,
@@ -333,8 +336,8 @@ class GridParts:
         some : the inputs that are meant, for games whose inputs are `apart`; by default all.
         """
         problem, values = self.problem, must_lead_into(self.problem, after)
-        if problem.padded.grid != problem.grid:
-            values = np.pad(values, problem.padded.grid.padding, "edge")
+        if (padding := self.samples.padded.grid.padding) != problem.grid.padding:
+            values = np.pad(values, padding, "edge")
         start = np.full(tube.shape, np.inf, tube.dtype) if problem.has_no_target else before
         for reach_sets in self._reach_sets(values, step, *some):
             rows.add(tube, marks, reach_sets, step, start)
@@ -349,7 +352,7 @@ class GridParts:
         They are on the grid without padding, and all inputs of one byte of marks come together. With a `Sensing` that
         has no memory the reach sets are eroded by the box E of the prediction error.
         """
-        problem, games, inner = self.problem, self.games, self.problem.padded.grid.inner
+        problem, games, inner = self.problem, self.games, self.samples.padded.grid.inner
         if hasattr(games, "grouped_reach_sets"):
             found: Any = games.grouped_reach_sets(values, step, *some)
         else:
@@ -368,9 +371,10 @@ def bytes_of_entry(parts: GridParts) -> int:
     the problem allocate is not counted.
     """
     problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
+    games = parts.samples.padded.grid
     count, axes = len(problem.inputs), range(problem.grid.ndim)
-    past = past_ends(problem, axes) if dynamics.constant else (0,) * problem.grid.ndim
-    played = {one.problem.grid for some in parts.dangers.values() for one in some}
+    past = past_ends(parts.samples, axes) if dynamics.constant else (0,) * problem.grid.ndim
+    played = {one.samples.grid for some in parts.dangers.values() for one in some}
     each, times = 0, 1
     if not dynamics.stateless:
         whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
@@ -381,7 +385,7 @@ def bytes_of_entry(parts: GridParts) -> int:
             crossed = speeds * problem.interval(0).delta / np.array(problem.grid.spacing)
             times += math.ceil(2 * float(np.sum(crossed)))
     most = 0
-    for grid in (problem.padded.grid.extended(past), *(played - {problem.padded.grid})):
+    for grid in (games.wider([(n, n) for n in past]), *(played - {games})):
         velocities = each * grid.ndim * grid.size
         arrays = (AT_WORK + count * bool(problem.sensing.jitter)) * item * grid.size
         most = max(most, grid.sampling_bytes + arrays + velocities + min(KEPT, count * times * velocities))
@@ -391,11 +395,11 @@ def bytes_of_entry(parts: GridParts) -> int:
 def bytes_of_solve(parts: GridParts) -> int:
     """Upper estimate of the bytes of a solve in memory: of an entry, of the table, and to put avoid tubes together."""
     found = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
-    most, padded = 0, parts.problem.padded
+    most, padded = 0, parts.samples.padded
     for name, some in parts.dangers.items():
-        direct = [one.axes == parts.axes[name] and one.problem.grid == padded.grid for one in some]
+        direct = [one.axes == parts.axes[name] and one.samples is padded for one in some]
         for number, one in enumerate(some):
-            grid, wide = one.problem.grid, padded.grid.subgrid(parts.axes[name]).size
+            grid, wide = one.samples.grid, padded.grid.subgrid(parts.axes[name]).size
             beside = 0 if direct[number] and not any(direct[:number]) else grid.subgrid(one.game_axes).size
             most = max(most, beside + wide * (padded.grid != parts.problem.grid))
     return bytes_of_entry(parts) + found + most * len(parts.problem.inputs) * np.dtype(parts.dtype).itemsize

@@ -7,20 +7,18 @@ not exclude a hidden part, the least value in the cell is searched for.
 """
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from itertools import permutations, product
-from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.findings import Finding, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
 from sdhj.problem.nodes import neighbour, steepest
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
@@ -35,32 +33,23 @@ ASKED = "so whatever asks the nodes alone ignores it, as methods on the grid and
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
-def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> None:
+def check_resolution(problem: ReachAvoidProblem, most: float = math.inf) -> None:
     """Warn of unsafe sets that the grid does not resolve, for methods on the grid.
 
     That is of sets that hide between nodes, are too thin or flat inside, of level-set functions that jump at the set's
     boundary, and of what `check_seams` finds: of each set one warning, looked for at `TIMES` times if the set moves.
-    Sets with sampling="cell", and those whose axes have more than `most` nodes, are not looked at. What was found of a
-    formula is kept with it for the next problem; its warning is given again.
+    Sets with sampling="cell", and those whose axes have more than `most` nodes, are not looked at.
     """
     check_seams(problem)
+    samples, kinds = Samples(problem), (_hidden_finding, _abrupt_finding, too_thin_finding, flat_inside_finding)
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
             continue
-        for t in _few_moments(problem, unsafe_set):
-            finding = _kept_finding(problem, unsafe_set, t, _hidden_finding) or _kept_finding(
-                problem, unsafe_set, t, _abrupt_finding
-            )
-            if (
-                finding := finding
-                or too_thin_finding(problem, unsafe_set, t)
-                or flat_inside_finding(problem, unsafe_set, t)
-            ):
-                tell(finding)
-                break
+        each = (find(samples, unsafe_set, t) for t in _few_moments(problem, unsafe_set) for find in kinds)
+        tell(next(filter(None, each), None))
 
 
-def check_sets(problem: "ReachAvoidProblem") -> None:
+def check_sets(problem: ReachAvoidProblem) -> None:
     """Warn of what is wrong with sets and velocities, for methods that are not on the grid.
 
     That is of what `check_seams` finds, and of unsafe sets that no node is in at any time, or that hide between the
@@ -68,38 +57,21 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
     instead, and see for themselves whether a node is ever in danger.
     """
     check_seams(problem)
+    samples = Samples(problem)
     for unsafe_set in problem.unsafe:
-        nowhere = _nowhere_finding(problem, unsafe_set)
+        nowhere = _nowhere_finding(samples, unsafe_set)
         sought = nowhere or problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
         times = _few_moments(problem, unsafe_set) if sought else []
-        hidden = (_kept_finding(problem, unsafe_set, t, _hidden_finding, ASKED) for t in times)
+        hidden = (_hidden_finding(samples, unsafe_set, t, ASKED) for t in times)
         tell(next(filter(None, hidden), nowhere))
 
 
-def _few_moments(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> list[float]:
+def _few_moments(problem: ReachAvoidProblem, unsafe_set: UnsafeSet) -> list[float]:
     """Times, s, at which a set is looked at closely: `TIMES`, from 0 to the last step, or 0 if it does not move."""
     return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
 
-def _kept_finding(
-    problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, find: Callable[..., Finding | None], *more: str
-) -> Finding | None:
-    """What find(problem, unsafe_set, t, *more) returns; if the set is a formula, kept with it after the first call.
-
-    A later call for an equal set, grid and t, also of another problem with the same formula, returns what was kept.
-
-    more : further arguments of `find`, hashable.
-    """
-    level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
-    if isinstance(level_set, Formula):
-        known = level_set.remembered("findings", dict)
-    key = find.__name__, *more, unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, problem.grid, t
-    if key not in known:
-        known[key] = find(problem, unsafe_set, t, *more)
-    return known[key]
-
-
-def costly_error_finding(problem: "ReachAvoidProblem") -> Finding | None:
+def costly_error_finding(problem: ReachAvoidProblem) -> Finding | None:
     """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
 
     It names the first axis along which 2 E, what the errors cost in an interval, is at least half the range of the
@@ -123,7 +95,7 @@ def costly_error_finding(problem: "ReachAvoidProblem") -> Finding | None:
     return None
 
 
-def check_seams(problem: "ReachAvoidProblem") -> None:
+def check_seams(problem: ReachAvoidProblem) -> None:
     """Warn of what does not fit together where a periodic axis closes, and of a `Sensing` with too large an error.
 
     That is of unsafe sets and targets that are cut off there (`_cut_off_finding`), of velocities that jump there
@@ -143,7 +115,7 @@ def check_seams(problem: "ReachAvoidProblem") -> None:
     tell(costly_error_finding(problem))
 
 
-def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
+def _moments(problem: ReachAvoidProblem, timed: bool) -> list[float]:
     """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `depends_on_time`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
@@ -171,7 +143,7 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
     return found
 
 
-def _cut_off_finding(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
+def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t: float) -> Finding | None:
     """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not.
 
     It is if the level-set function differs in sign on both sides of the seam, by more than 1e-6 of its largest absolute
@@ -196,7 +168,7 @@ def _cut_off_finding(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet"
     return None
 
 
-def _turning_over_finding(problem: "ReachAvoidProblem", t: float) -> Finding | None:
+def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | None:
     """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None.
 
     A jump is a difference of more than 1e-6 of the greatest velocity there. Velocities that are undefined at the seam
@@ -224,13 +196,14 @@ def _turning_over_finding(problem: "ReachAvoidProblem", t: float) -> Finding | N
     return None
 
 
-def _nowhere_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
+def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
     """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
+    problem = samples.problem
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     first, pieces = problem.span(0)[0], problem.grid.subgrid(unsafe_set.axes).pieces()
-    if any((unsafe_set.level_set(piece.points(), first) <= 0).any() for piece in pieces):  # mostly soon
+    if any((unsafe_set.level_set(points, first) <= 0).any() for points in pieces):  # mostly soon
         return None
-    if any((problem.unsafe_over(unsafe_set, *problem.span(step)) <= 0).any() for step in steps):
+    if any((samples.sample(unsafe_set, *problem.span(step)) <= 0).any() for step in steps):
         return None
     return Finding(
         f"the unsafe set {unsafe_set.name!r} is nowhere on the grid, so nothing keeps clear of it: ",
@@ -239,9 +212,7 @@ def _nowhere_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> F
     )
 
 
-def _hidden_finding(
-    problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED
-) -> Finding | None:
+def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:
     """The finding that part of an unsafe set lies between the nodes at time t; None where no such part is found.
 
     Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set. A cell is
@@ -251,7 +222,7 @@ def _hidden_finding(
 
     so : what follows from it, the end of the finding's sentence.
     """
-    grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
+    grid, values = samples.grid.subgrid(unsafe_set.axes), samples.sample(unsafe_set, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
     for axis in range(grid.ndim):
@@ -277,7 +248,7 @@ def _hidden_finding(
         return None
     thickness, thick = -2 * float(least[deepest]), "its level-set function is 0, which gives no thickness,"
     use = "a distance that is negative inside, with sampling='cell', or more nodes"
-    names = [problem.grid.names[axis] for axis in unsafe_set.axes]
+    names = [samples.grid.names[axis] for axis in unsafe_set.axes]
     if thickness > 0:
         needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
         use = f"{', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
@@ -292,14 +263,14 @@ def _hidden_finding(
     )
 
 
-def _abrupt_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
+def _abrupt_finding(samples: Samples, unsafe_set: UnsafeSet, t: float) -> Finding | None:
     """The finding that a level-set function g jumps at the set's boundary at time t; None if it does not.
 
     It does if the median of |g(z)| / |change of g between two nodes| is `ABRUPT` or more. The two are neighbours, one
     inside and one outside, and z is the zero of the linear interpolant between them. Of each axis at most `CROSSINGS`
     pairs are looked at, drawn at random (seed 0). None also if there are no such pairs.
     """
-    grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
+    grid, values, off = samples.grid.subgrid(unsafe_set.axes), samples.sample(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)
     for axis in range(grid.ndim):
         here, there = grid.edges(values, axis)
@@ -326,16 +297,16 @@ ZERO = 1e-3  # cells
 FLAT = 1.5  # cells: from two on as many collide as with a signed distance (a car beside a square, 5,000 runs)
 
 
-def flat_inside_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
+def flat_inside_finding(samples: Samples, unsafe_set: UnsafeSet, t: float) -> Finding | None:
     """The finding that a level-set function is flat inside, so that differences wear the set down; None if not.
 
     It is if it falls to a value less than `FLAT` cells below zero and is constant, to rounding, around some node there;
     a cell is the median change from node to node at the boundary. None also where it is 0 in the whole set, where
     velocities do not depend on the state, and unless sampling="nodes".
     """
-    if problem.dynamics.stateless or unsafe_set.sampling != "nodes":
+    if samples.dynamics.stateless or unsafe_set.sampling != "nodes":
         return None
-    grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
+    grid, values = samples.grid.subgrid(unsafe_set.axes), samples.sample(unsafe_set, t)
     least, changes = float(values.min()), list[FloatArray]()
     bottom = values <= least + 1e-9 * float(np.abs(values).max())
     for axis in range(grid.ndim):
@@ -363,7 +334,7 @@ ROOMY = 2 * DEEP + 1  # cells, of a wall so thick that some node is that deep wh
 LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
-def too_thin_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
+def too_thin_finding(samples: Samples, unsafe_set: UnsafeSet, t: float) -> Finding | None:
     """The finding that a wall or a dot is too thin for finite differences at time t, with how many nodes would do.
 
     Thin along an axis is what `_thickness` finds, unless something that is not thin lies within two nodes. A wall is
@@ -371,9 +342,9 @@ def too_thin_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: f
     finding is the least thickness, in cells, at the thinnest such node. None where there is neither, where velocities
     do not depend on the state, or with sampling="steep".
     """
-    if problem.dynamics.stateless or unsafe_set.sampling == "steep":
+    if samples.dynamics.stateless or unsafe_set.sampling == "steep":
         return None
-    grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
+    grid, values = samples.grid.subgrid(unsafe_set.axes), samples.sample(unsafe_set, t)
     cells = np.array([_thickness(grid, values, axis) for axis in range(grid.ndim)])
     thin = np.isfinite(cells)
     deepest = values
@@ -392,15 +363,15 @@ def too_thin_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: f
     if not found.any():
         return None
     place = np.unravel_index(np.where(found, cells.min(axis=0), np.inf).argmin(), grid.shape)
-    names = [problem.grid.names[axis] for axis in unsafe_set.axes]
+    names = [samples.grid.names[axis] for axis in unsafe_set.axes]
     where = ", ".join(f"{name} = {grid.nodes(axis)[place[axis]]:.4g}" for axis, name in enumerate(names))
     wrong = [axis for axis in range(grid.ndim) if thin[(axis, *place)]]
     thick = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
     needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
     steep = 'UnsafeSet(..., sampling="steep"), which prevents that and enlarges the set by less than a cell'
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
-    nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
-    fits = 8 * nodes * problem.most_steps < (available() or [np.inf])[0]
+    nodes = samples.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
+    fits = 8 * nodes * samples.problem.most_steps < (available() or [np.inf])[0]
     return Finding(
         f"the unsafe set {unsafe_set.name!r} is too thin for the grid at {where}, t = {t:g}: it is about "
         f"{', '.join(thick)} "

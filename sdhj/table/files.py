@@ -19,12 +19,11 @@ from typing import Any
 from sdhj.formulas.graph import MOST_TABLES
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
-from sdhj.problem.describing import TOLD, arrays_of, described, digest_of
+from sdhj.problem.describing import LAYOUT, TOLD, arrays_of, described, digest_of
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import MOST_SAMPLED, ReachAvoidProblem
 from sdhj.problem.restoring import problem_from, tables_of, what_differs
 from sdhj.problem.sensing import Sensing
-from sdhj.problem.statement import LAYOUT
 from sdhj.table.batches import Table, entry
 from sdhj.table.container import CHECKED, FORMAT, HEAD, Contents, Damaged, head_text, stated_in, write_zip
 

@@ -148,7 +148,7 @@ def test_ctrl_c_ends_a_solve_with_what_there_is(monkeypatch):
 
 
 def test_what_never_settles_ends_at_the_cap(monkeypatch):
-    monkeypatch.setattr(sdhj.problem.statement, "FOREVER", 4)
+    monkeypatch.setattr(sdhj.problem.problem, "FOREVER", 4)
     for problem, method in ((replace(interval_problem(), steps=None), FEW), (double_integrator(None, 0.6), CELLS)):
         with pytest.warns(UnsettledWarning, match="after 4 steps"):
             table = sdhj.solve(problem, method, progress=False)

@@ -14,6 +14,7 @@ from sdhj.arm.workspace import KINEMATICS, Circle, Disk, Line, Still
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.problem.sets import TargetSet
 
 ROUNDING = 1e-13  # some dozen operations on numbers of order one
@@ -51,7 +52,7 @@ def test_the_canonical_problem():
     assert [part.axes for part in problem.unsafe] == [(0, 1), (0, 1, 2, 3)]
     assert [part.moving for part in problem.unsafe] == [True, False] and not problem.opaque
     # Two independent prototypes have the share of the nodes in the target and safe at step 0 at 0.025.
-    assert (problem.goal(0) <= 0).mean() == pytest.approx(0.025, abs=0.0005)
+    assert (Samples(problem).goal(0) <= 0).mean() == pytest.approx(0.025, abs=0.0005)
 
 
 @pytest.mark.parametrize("kinematics", KINEMATICS)
@@ -86,7 +87,7 @@ def test_evader_level_sets_match_plain_loops(rng):
 def test_the_two_kinematics_give_different_problems():
     relative, printed = (arm_case_study(15, kinematics=name) for name in KINEMATICS)
     assert relative.digest != printed.digest
-    assert ((relative.goal(0) <= 0) != (printed.goal(0) <= 0)).any()
+    assert ((Samples(relative).goal(0) <= 0) != (Samples(printed).goal(0) <= 0)).any()
 
 
 # --- view-time (Sec. 5.4 and 6.2.1) ---------------------------------------------------------------------------------

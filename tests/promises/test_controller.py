@@ -17,6 +17,7 @@ from parameters import but_slow
 import sdhj
 from sdhj.kernels import read_only
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.samples import Samples
 from sdhj.table.ahead import CHECKED_INSTANTS, choose_by_true_sets
 from sdhj.table.batches import CHUNK, Batch, Table
 from sdhj.table.beside import fallbacks
@@ -715,7 +716,7 @@ def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
     table = toys.empty_table(problem, nothing)
     for step, within in ((0, 0), (1, 0), (0, 1)):
         noise = rng.normal(0.2, 1.0, problem.grid.shape) if within else np.inf
-        table.value_array(step, within)[:] = np.minimum(problem.goal(step), noise)
+        table.value_array(step, within)[:] = np.minimum(Samples(problem).goal(step), noise)
         table.mark_array(step, within)[:] = rng.integers(0, 8, table.mark_array(step, within).shape)
     read_only((table.index, table.tubes, table.marks))
     states = rng.uniform(lower, upper, (60, 6))

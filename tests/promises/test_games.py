@@ -11,6 +11,7 @@ from toys import ends_of, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, HopfLaxGames, ObstacleFunction
 from sdhj.solver.joint import Joint, JointGames
 
@@ -20,9 +21,9 @@ ROUNDING = 1e-5  # some dozens of operations in single precision on numbers belo
 
 def every_game(problem):
     return {
-        "moving": HJIGames(problem, USUAL),
-        "fixed": HJIGames(problem, FIXED),
-        "lax": HopfLaxGames(problem, "linear", "float32"),
+        "moving": HJIGames(Samples(problem), USUAL),
+        "fixed": HJIGames(Samples(problem), FIXED),
+        "lax": HopfLaxGames(Samples(problem), "linear", "float32"),
     }
 
 
@@ -68,17 +69,19 @@ def test_moving_and_fixed_frame_agree_as_the_grid_refines():
     gaps = []
     for nodes in (16, 32, 64):
         problem = torus_problem(nodes=nodes)
-        by_frame = [dict(every_game(problem)[frame].reach(problem.goal(1), 0)) for frame in ("moving", "fixed")]
+        by_frame = [
+            dict(every_game(problem)[frame].reach(Samples(problem).goal(1), 0)) for frame in ("moving", "fixed")
+        ]
         gaps.append(np.mean([np.abs(by_frame[0][j] - by_frame[1][j]).mean() for j in by_frame[0]]))
     print("mean difference of the frames", gaps)
     assert gaps[2] < gaps[1] / 1.5 < gaps[0] / 1.5**2
 
 
 def test_frames_and_dynamics_choose_the_path():
-    assert HJIGames(torus_problem(), USUAL).moving_frame
-    assert not HJIGames(torus_problem(), FIXED).moving_frame
-    assert HJIGames(interval_problem(), USUAL).moving_frame  # walls do no more than end the way
-    assert not HJIGames(unicycle_problem(), USUAL).moving_frame
+    assert HJIGames(Samples(torus_problem()), USUAL).moving_frame
+    assert not HJIGames(Samples(torus_problem()), FIXED).moving_frame
+    assert HJIGames(Samples(interval_problem()), USUAL).moving_frame  # walls do no more than end the way
+    assert not HJIGames(Samples(unicycle_problem()), USUAL).moving_frame
 
 
 @pytest.mark.parametrize("view_time", but_slow(["swept", "instantaneous"], "instantaneous"))
@@ -86,9 +89,9 @@ def test_joint_game_equals_the_decomposed_ones_up_to_scheme_error(view_time):
     gaps = []
     for nodes in (16, 32, 64):
         problem = torus_problem(nodes=nodes, view_time=view_time)
-        values = problem.goal(1)
-        joint = dict(JointGames(problem, FIXED).reach(values, 0))
-        apart = HJIGames(problem, FIXED)
+        values = Samples(problem).goal(1)
+        joint = dict(JointGames(Samples(problem), FIXED).reach(values, 0))
+        apart = HJIGames(Samples(problem), FIXED)
         tubes = apart.avoid(problem.unsafe[0], 0)
         gaps.append(
             np.mean([np.abs(joint[j] - np.maximum(reach, tubes[j])).mean() for j, reach in apart.reach(values, 0)])
@@ -114,12 +117,14 @@ def test_velocities_of_constant_and_sampled_dynamics_agree():
         assert ends_of(a)[0].shape == (2,) and ends_of(b)[0].shape == (2, 8, 8)
         assert np.array_equal(np.broadcast_to(ends_of(a)[0][:, None, None], (2, 8, 8)), ends_of(b)[0])
         assert np.array_equal(np.broadcast_to(ends_of(a)[1][:, None, None], (2, 8, 8)), ends_of(b)[1])
-    goal = problem.goal(1)
+    goal = Samples(problem).goal(1)
     single = dataclasses.replace(FIXED, dtype="float32")  # as other tests compile it: some dozen roundings of 6e-8
-    for (_, a), (_, b) in zip(*(HJIGames(one, single).reach(goal, 0) for one in (problem, sampled)), strict=True):
+    for (_, a), (_, b) in zip(
+        *(HJIGames(Samples(one), single).reach(goal, 0) for one in (problem, sampled)), strict=True
+    ):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5)
     with pytest.raises(ValueError, match="hji"):
-        HopfLaxGames(sampled, "linear", "float32")
+        HopfLaxGames(Samples(sampled), "linear", "float32")
 
 
 def test_coupled_adversary_is_recognised():
@@ -136,10 +141,10 @@ def test_avoid_games_of_a_car_take_all_axes():
     interval = car.interval(0)
     assert interval.self_contained((0, 1)) == (0, 1, 2)  # x and y move with theta
     assert interval.self_contained((2,)) == (2,)
-    assert car.avoid_axes(car.unsafe[0]) == (0, 1, 2)
-    tube = HJIGames(car, Scheme()).avoid(car.unsafe[0], 0)
+    assert Samples(car).avoid_axes(car.unsafe[0].axes) == (0, 1, 2)
+    tube = HJIGames(Samples(car), Scheme()).avoid(car.unsafe[0], 0)
     assert tube.shape == (3, 7, 7, 8)
-    pillar = car.unsafe_over(car.unsafe[0], 0.0, 0.2, axes=(0, 1, 2), view_time="swept")
+    pillar = Samples(car).sample(car.unsafe[0], 0.0, 0.2, view_time="swept")[..., None]
     assert (tube >= (-pillar).astype(tube.dtype)).all()  # whoever starts in the pillar has lost
 
 
@@ -169,7 +174,7 @@ def test_the_smallest_axes_that_move_alone(axes, closed):
     problem = chained_problem()
     assert problem.interval(0).self_contained(axes) == closed
     part = sdhj.UnsafeSet(axes, lambda p, t: p[:, 0] + 9.0)
-    assert problem.avoid_axes(part) == closed
+    assert Samples(problem).avoid_axes(part.axes) == closed
 
 
 @pytest.mark.slow
@@ -177,11 +182,11 @@ def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them(monkeypatch):
     """What the other coordinates do cannot be seen in the tubes; with as many time steps the numbers are the same."""
     run_plainly(monkeypatch)
     problem = chained_problem((7, 6, 5, 5))
-    games, steps = HJIGames(problem, Scheme(dtype="float64")), 8
+    games, steps = HJIGames(Samples(problem), Scheme(dtype="float64")), 8
     monkeypatch.setattr(HJIGames, "steps", lambda self, axes, step: steps)
     small = games.avoid(problem.unsafe[0], 0)
     assert small.shape == (2, 7, 6)
-    wall = ObstacleFunction.of(problem, problem.unsafe[0], (0, 1, 2, 3))
+    wall = ObstacleFunction.of(Samples(problem), problem.unsafe[0], (0, 1, 2, 3))
     whole = games.tubes(wall, 0)
     np.testing.assert_allclose(whole, np.broadcast_to(small[..., None, None], whole.shape), rtol=0, atol=1e-12)
 
@@ -191,7 +196,7 @@ def test_view_time_settings_are_ordered():
     tubes = {}
     for view_time in ("swept", "sampled", "instantaneous"):
         problem = torus_problem(nodes=24, view_time=view_time)
-        tubes[view_time] = HopfLaxGames(problem, "linear", "float32").avoid(problem.unsafe[0], 1)
+        tubes[view_time] = HopfLaxGames(Samples(problem), "linear", "float32").avoid(problem.unsafe[0], 1)
     assert (tubes["swept"] >= tubes["sampled"] - ROUNDING).all()
     assert (tubes["swept"] > tubes["sampled"]).any()
     # instantaneous, piece by piece swept, with the pieces' own gaps
@@ -210,7 +215,7 @@ def test_nothing_fast_slips_between_the_time_steps(method):
 
     problem = dataclasses.replace(problem, unsafe=(sdhj.UnsafeSet((0,), bullet, name="bullet"),))
     if method == "joint":
-        tubes = dict(JointGames(problem, USUAL).reach(np.full(81, -1.0), 1)).values()
+        tubes = dict(JointGames(Samples(problem), USUAL).reach(np.full(81, -1.0), 1)).values()
     else:
         tubes = every_game(problem)[{"hji": "moving"}.get(method, method)].avoid(problem.unsafe[0], 1)
     inner = np.abs(problem.grid.nodes(0)) < 3.5

@@ -13,6 +13,7 @@ from toys import ends_of
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.problem.findings import ProjectionWarning
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, Pieces
 from sdhj.solver.projections import ProjectedGames, checked_subspaces, default_subspaces
 from sdhj.solver.recursion import InputRows
@@ -86,7 +87,9 @@ def solve_quietly(problem, method="hji"):
 
 def projected_games(problem, subspaces=None, inner=None):
     inner = inner or HJI()
-    return ProjectedGames(problem, lambda axes: inner.on(problem, axes), checked_subspaces(problem, subspaces))
+    return ProjectedGames(
+        Samples(problem), lambda axes: inner.on(Samples(problem), axes), checked_subspaces(problem, subspaces)
+    )
 
 
 def entries(steps):
@@ -238,7 +241,7 @@ def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
     games = projected_games(problem, subspaces, HJI())
     avoid = table.avoid
     for k in range(problem.steps - 1, -1, -1):
-        tube = problem.goal(k).astype(np.float32)
+        tube = Samples(problem).goal(k).astype(np.float32)
         for n in range(1, problem.steps - k + 1):
             marks = []
             for j, reach in games.reach(table.values(start=k + 1, within=n - 1), k):
@@ -401,7 +404,7 @@ def test_case_study_against_an_independent_prototype():
 def test_an_unsafe_set_within_a_subspace_stays_exact():
     problem = sdhj.arm_case_study(nodes=7, steps=2)
     obstacles, pursuer = problem.unsafe
-    projected, full = projected_games(problem), HJIGames(problem, Scheme())
+    projected, full = projected_games(problem), HJIGames(Samples(problem), Scheme())
     np.testing.assert_array_equal(projected.avoid(obstacles, 1), full.avoid(obstacles, 1))
     assert projected.avoid(pursuer, 0).shape == (25, 7, 7, 7, 7)
 
@@ -478,7 +481,7 @@ def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
     assert not problem.interval(0).velocities(0, (0,)).coupled
     x = problem.grid.nodes(0)
     away = np.abs(x) < 2.0  # what the walls do stays more than 0.4 * 1.7 from them
-    for j, phi in games.reach(problem.goal(0).astype(np.float32), 0):
+    for j, phi in games.reach(Samples(problem).goal(0).astype(np.float32), 0):
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * 0.7 - 1.0
         error = np.abs(phi - exact[:, None])[away]
         assert error.max() < 1.5 * problem.grid.spacing[0]  # a kink is spread over a few cells
@@ -495,7 +498,7 @@ def test_a_dropped_coordinate_that_moves_more_and_more_has_its_closed_form(step)
 
     problem = replace(problem, dynamics=Dynamics(problem.inputs, drift, np.eye(2), [0.2, 0.3]))
     x, away = problem.grid.nodes(0), np.abs(problem.grid.nodes(0)) < 2.0
-    for j, phi in projected_games(problem, [(0,)]).reach(problem.goal(0).astype(np.float32), step):
+    for j, phi in projected_games(problem, [(0,)]).reach(Samples(problem).goal(0).astype(np.float32), step):
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * (0.7 + 0.5 * 0.4 * (step + 0.5)) - 1.0
         error = np.abs(phi - exact[:, None])[away]
         assert error.max() < 1.5 * problem.grid.spacing[0]
@@ -605,7 +608,7 @@ def test_what_is_written_before_the_recursion_moves_up_with_tubes_that_are_share
     table = sdhj.solve(problem, Projected(), play=False)
     assert table.details["tubes_shared"] > 0
     for step in range(9):
-        np.testing.assert_array_equal(table.value_array(step, 0), problem.goal(step).astype(np.float32))
+        np.testing.assert_array_equal(table.value_array(step, 0), Samples(problem).goal(step).astype(np.float32))
 
 
 def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
@@ -615,7 +618,9 @@ def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
     assert table.details["projection"]["target_kept"] == [0.0, 0.0]
     assert len(table.details["projection"]["warnings"]) == 2
     for k, n in entries(2):  # nothing but the target itself
-        np.testing.assert_array_equal(table.values(start=k, within=n) <= 0, problem.goal(k).astype(np.float32) <= 0)
+        np.testing.assert_array_equal(
+            table.values(start=k, within=n) <= 0, Samples(problem).goal(k).astype(np.float32) <= 0
+        )
         assert not table.inputs(start=k, within=n).any()
     assert solve_quietly(problem).inputs(start=0, within=2).any()  # while the full method does gain something
 

@@ -11,6 +11,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, HopfLax, Projected, Scheme
+from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, HopfLaxGames
 from sdhj.solver.joint import Joint
 from sdhj.solver.recursion import GridSets, recursion
@@ -119,9 +120,11 @@ def test_what_has_stopped_growing_in_a_row_has_stopped_in_the_row_before():
 def test_table_equals_the_slow_recursion(method):
     problem = torus_problem(nodes=9, steps=3)
     table = sdhj.solve(problem, {"hji": HJI(), "lax": LINEAR}[method])
-    games = HJIGames(problem, Scheme()) if method == "hji" else HopfLaxGames(problem, "linear", "float32")
+    games = (
+        HJIGames(Samples(problem), Scheme()) if method == "hji" else HopfLaxGames(Samples(problem), "linear", "float32")
+    )
     steps, count = problem.steps, len(problem.inputs)
-    goals = [problem.goal(k) for k in range(steps + 1)]
+    goals = [Samples(problem).goal(k) for k in range(steps + 1)]
     avoid = [games.avoid(problem.unsafe[0], k) for k in range(steps)]
 
     def reach(values, k):

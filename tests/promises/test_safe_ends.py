@@ -222,4 +222,4 @@ def test_one_end_safe_and_the_other_unsafe(monkeypatch):
             inside, x = table.values(start=0, within=30) <= 0, table.grid.nodes(0)
             # below the gap there is no room: 1.5 * 0.5 in an interval; above it everything escapes
             assert not inside[x < 1.2].any() and inside[x > 1.35].all()
-    assert replace(problem, steps=3).padded.grid.inner == (slice(0, 81),)
+    assert Samples(replace(problem, steps=3)).padded.grid.inner == (slice(0, 81),)

@@ -1,0 +1,154 @@
+"""A problem's level-set functions, of target and unsafe sets, at the nodes on which games are played."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray, read_only
+from sdhj.problem.dynamics import VectorField
+from sdhj.problem.grid import SMALL, Grid
+from sdhj.problem.interval import Interval
+from sdhj.problem.nodes import checked_values, closed, least_in_cells, sampled_on, size_of
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
+
+PADDING = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
+
+
+class Samples:
+    """A problem on a grid: what it has at the nodes, and the motion there.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    grid : Grid
+        The problem's own, or one that goes past it.
+    dynamics : VectorField
+    unsafe : tuple of UnsafeSet
+        On this grid: past its ends they are as at the ends.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`:
+
+    >>> from sdhj.problem.samples import Samples
+    >>> goal = Samples(problem).goal(0)
+    >>> goal.shape, problem.grid.nodes(0)[goal <= 0][[0, -1]]
+    ((81,), array([-1.,  1.]))
+    """
+
+    def __init__(
+        self,
+        problem: ReachAvoidProblem,
+        grid: Grid | None = None,
+        dynamics: VectorField | None = None,
+        unsafe: Iterable[UnsafeSet] | None = None,
+    ) -> None:
+        """The problem on its own grid or, with all arguments, on another, of other axes perhaps."""
+        self.problem, self.grid = problem, problem.grid if grid is None else grid
+        self.dynamics = problem.dynamics if dynamics is None else dynamics
+        self.unsafe = problem.unsafe if unsafe is None else tuple(unsafe)
+        self._intervals: dict[int, Interval] = {}
+        self._static: dict[Any, FloatArray] = {}  # of sets that do not move, which every step asks for
+
+    @cached_property
+    def padded(self) -> "Samples":
+        """The samples on the games' grid, with `PADDING` more nodes past each safe end; itself if there is none."""
+        grid = self.grid
+        padding = np.isfinite(grid.faces("frees")).T * PADDING
+        if not padding.any():
+            return self
+
+        def as_at_the_end(unsafe_set: UnsafeSet) -> UnsafeSet:
+            """The unsafe set whose level-set function, and `swept` if it has one, do not change past safe ends."""
+            ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
+            return replace(
+                unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
+            )
+
+        dynamics = self.dynamics.clipped(*grid.faces("frees"))
+        return Samples(self.problem, grid.wider(padding, grid.ends), dynamics, map(as_at_the_end, self.unsafe))
+
+    def interval(self, step: int) -> Interval:
+        """The motion from step k to k + 1 on this grid; on the problem's own it is the problem's."""
+        if self.grid is self.problem.grid:
+            return self.problem.interval(step)
+        step = step if self.dynamics.depends_on_time else 0
+        if step not in self._intervals:
+            known = self.problem.interval(step)
+            self._intervals[step] = replace(known, grid=self.grid, dynamics=self.dynamics, wider=0.0)
+        return self._intervals[step]
+
+    def avoid_axes(self, axes: Iterable[int]) -> tuple[int, ...]:
+        """The axes on which the avoid game of an unsafe set of some axes is solved, ascending.
+
+        They are the set's axes, axes with safe ends, because a state that has left through one can no longer collide,
+        and all that the velocities along these depend on.
+        """
+        safe = np.isfinite(self.grid.faces("frees")).any(axis=0)
+        return self.interval(0).self_contained({*axes, *np.flatnonzero(safe).tolist()})
+
+    def sample(
+        self, part: TargetSet | UnsafeSet, t0: float, t1: float | None = None, view_time: str | None = None
+    ) -> FloatArray:
+        """The level-set function of a set at the nodes of its axes' subgrid, read-only.
+
+        At the time t0, s, or one function for all of [t0, t1] (`UnsafeSet.over`). Of an unsafe set it is made
+        `nodes.closed`, and according to the set's `sampling`. A set that does not move is sampled once, unless it is a
+        target of more than `SMALL` nodes.
+
+        view_time : one of `VIEW_TIMES`, by default the problem's. ValueError where a value is not finite or out of the
+        range of single precision, or a black box declares too little.
+        """
+        how: Callable[[FloatArray], FloatArray] = partial(_level_set_at, part, t0)
+        if part.moving and t1 is not None and isinstance(part, UnsafeSet):
+            how = partial(part.over, t0=t0, t1=t1, view_time=view_time or self.problem.view_time)
+        grid = self.grid.subgrid(part.axes)
+        if part.moving or (part is self.problem.target and grid.size > SMALL):  # would take as much memory as a tube
+            return read_only(_at_nodes(part, grid, how))
+        key = part.level_set, part.axes, getattr(part, "sampling", "")
+        if key not in self._static:
+            self._static[key] = read_only(_at_nodes(part, grid, how))
+        return self._static[key]
+
+    def goal(self, step: int) -> FloatArray:
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1), (*shape).
+
+        Without a target, L(t_k) is the grid up to its unsafe ends. step : k, from 0 to N.
+        """
+        problem, grid, target = self.problem, self.grid, self.problem.target
+        t, jitter, values = problem.time(step), problem.sensing.jitter, np.full((1,) * grid.ndim, -np.inf)
+        if not problem.has_no_target:
+            values = grid.lift(self.sample(target, t), target.axes)
+        for unsafe_set in (one for one in self.unsafe if one.inputs is None):
+            g = self.sample(unsafe_set, t - jitter, t + jitter) if jitter else self.sample(unsafe_set, t)
+            outside = -grid.lift(g, unsafe_set.axes)
+            fits = outside.shape == np.broadcast_shapes(values.shape, outside.shape)
+            values = np.maximum(values, outside, out=outside if fits else None)  # fresh memory takes ten times as long
+        if problem.has_no_target:
+            values = np.maximum(values, -grid.to_ends("fails"))
+        return np.ascontiguousarray(np.broadcast_to(values, grid.shape))
+
+
+def _level_set_at(part: TargetSet | UnsafeSet, t: float, points: FloatArray) -> FloatArray:
+    """The level-set function of a set at points (M, axes) and time t, s: (M,)."""
+    return np.asarray(part.level_set(points, t))
+
+
+def _at_nodes(part: TargetSet | UnsafeSet, grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """The values (*shape) of a set's level-set function, of points (M, axes), at the nodes of its grid.
+
+    Of an unsafe set by its `sampling`. "nodes": made `nodes.closed`. "steep": the same, times `STEEP` inside the set.
+    "cell": lower bounds in the cells around each node (`nodes.least_in_cells`).
+    """
+    sampling = part.sampling if isinstance(part, UnsafeSet) else None
+    if sampling == "cell":
+        return least_in_cells(grid, lambda points: checked_values(function(points), points, part.name))
+    values = sampled_on(grid, function, part.name)
+    if sampling is None:
+        return values
+    values = closed(grid, values, size_of(grid, function))
+    return np.where(values < 0, STEEP * values, values) if sampling == "steep" else values
