@@ -24,7 +24,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities, narrowed
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
-from sdhj.solver.hopf_lax import Moved, maxima_over_sets, maximum_over_paths
+from sdhj.solver.hopf_lax import Moved, maxima_over_sets
 from sdhj.solver.schemes import (
     Scheme,
     arranged_bytes,
@@ -611,22 +611,17 @@ class HopfLaxGames(_OnAxes):
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
 
-        They are maxima of `values` over the set that each input leads to at the end of the interval from a step; or,
-        where the interval may end early, over a hull of the sets at all times at which it may end.
+        They are maxima of `values` over the set that each input leads to at the end of the interval from a step.
 
         values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
         """
-        interval, parts = self.samples.interval(step), self.pieces(list(self.axes), self.early / self.duration)
-        ends = (self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)).tolist()
-        some = list(self.axes)
-        path = self._kept_for_interval(
-            interval, "path", lambda: [self._displacement_sets(interval, some, [end]) for end in ends]
+        interval, axes = self.samples.interval(step), list(self.axes)
+        moved = self._kept_for_interval(
+            interval, "reach", lambda: self._displacement_sets(interval, axes, [self.duration])
         )
-        values, inner = np.asarray(values, self.dtype), self.grid.inner
-        if self.early:
-            yield from in_eights(maximum_over_paths(self.grid, values, path, self.interpolation, inner))
-        else:
-            yield from maxima_over_sets(self.grid, values, path[0], self.interpolation, inner)
+        yield from maxima_over_sets(
+            self.grid, np.asarray(values, self.dtype), moved, self.interpolation, self.grid.inner
+        )
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
         """As `_OnAxes.tubes`.
@@ -673,9 +668,9 @@ class HopfLaxGames(_OnAxes):
         low, high = narrowed(boxes[:, 0], boxes[:, 1], farthest)
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
-    def pieces(self, axes: list[int], share: float = 1.0) -> int:
-        """Into how many pieces a share, 0 to 1, of the interval is cut, at least 1.
+    def pieces(self, axes: list[int]) -> int:
+        """Into how many pieces the interval is cut, at least 1.
 
         So many that in each the state moves at most a quarter of a cell along any of `axes`.
         """
-        return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))
+        return max(1, int(np.ceil(self.cells[axes].max() * 4)))

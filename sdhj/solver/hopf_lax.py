@@ -30,13 +30,10 @@ what is interpolated again is lower, in a bowl.
 """
 
 from collections.abc import Iterator
-from itertools import groupby, pairwise
 from typing import NamedTuple
 
-import numpy as np
-
 from sdhj.kernels import FloatArray
-from sdhj.problem.boxes import Maxima, Nodes, maxima, maximum_over_segments, one_by_one
+from sdhj.problem.boxes import Maxima, Nodes, maxima, maximum_over_segments
 from sdhj.problem.grid import Grid
 
 
@@ -50,11 +47,6 @@ class Moved(NamedTuple):
     low: FloatArray
     high: FloatArray
     halves: FloatArray
-
-    def runs(self) -> list[tuple[int, int]]:
-        """(first, end) of each run of successive inputs that have equal segments; they cover all inputs."""
-        ends = np.cumsum([len(list(run)) for _, run in groupby(self.halves, key=lambda one: one.tobytes())]).tolist()
-        return list(zip([0, *ends], ends, strict=False))
 
 
 def maxima_over_sets(
@@ -71,28 +63,9 @@ def maxima_over_sets(
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)
         return
-    for first, end in moved.runs():
-        raised = maximum_over_segments(grid, values, moved.halves[first], interpolation)
-        lasting = grid.wider([(0, 0)] * grid.ndim)  # on which nobody is out of danger half of the way
+    count, lasting = len(moved.low), grid.wider([(0, 0)] * grid.ndim)  # where nobody is out of danger half of the way
+    together = count if (moved.halves == moved.halves[0]).all() else 1
+    for first in range(0, count, together):
+        raised, end = maximum_over_segments(grid, values, moved.halves[first], interpolation), first + together
         for some in maxima(lasting, raised, moved.low[first:end], moved.high[first:end], interpolation, wanted):
             yield some._replace(first=first + some.first)
-
-
-def maximum_over_paths(
-    grid: Grid, values: FloatArray, path: list[Moved], interpolation: str, wanted: Nodes | None = None
-) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` (*shape) over x + all sets of a path) for every input j, at the wanted nodes.
-
-    All are computed before the first is yielded.
-
-    path : the sets that the inputs lead to at successive times, at least two, the longest segments first. Between two
-        of them the smallest box that contains both is taken, with the segments of the first.
-    interpolation : {"limited", "linear"}, between nodes.
-    wanted : for each axis the slice of the nodes whose maxima are needed; None: all (`sdhj.problem.boxes.maxima`).
-    """
-    found: dict[int, FloatArray] = {}
-    for one, other in pairwise(path):
-        both = Moved(np.minimum(one.low, other.low), np.maximum(one.high, other.high), one.halves)
-        for j, most in one_by_one(maxima_over_sets(grid, values, both, interpolation, wanted)):
-            found[j] = np.maximum(found.get(j, most), most)
-    yield from found.items()

@@ -99,7 +99,7 @@ class HopfLax(Options):
     Raises
     ------
     ValueError
-        If an option is none of these; by `sdhj.solve` if velocities depend on the state.
+        If an option is none of these; by `sdhj.solve` if velocities depend on the state, or the sensing has jitter.
 
     Examples
     --------
@@ -133,9 +133,10 @@ class HopfLax(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`; otherwise as `HJI.sets`.
 
-        Warns where v does not enter linearly and moves several axes, as the velocities are then replaced by a box
-        around them.
+        ValueError with jitter. Warns where v does not enter linearly and moves several axes, as the velocities are then
+        replaced by a box around them.
         """
+        refuse_jitter(problem)
         if problem.dynamics.is_cut:
             pieces = problem.dynamics.pieces
             cause = (
@@ -144,3 +145,12 @@ class HopfLax(Options):
             remedy = f'use method="hji", which cuts its range into {pieces} pieces'
             tell(Finding(f"{cause}velocities, and finer grids do not help; ", pieces, remedy))
         return GridSets(problem, self)
+
+
+def refuse_jitter(problem: ReachAvoidProblem) -> None:
+    """Raise ValueError where intervals may end early, for which there is no formula."""
+    if problem.sensing.jitter:
+        raise ValueError(
+            f'method="lax" has no formula for intervals that end early, and the sensing has jitter = '
+            f'{problem.sensing.jitter:g} s; use method="hji" or "certified"'
+        )

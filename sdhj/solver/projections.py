@@ -41,7 +41,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
-from sdhj.solver.methods import HJI, HopfLax
+from sdhj.solver.methods import HJI, HopfLax, refuse_jitter
 from sdhj.solver.recursion import GridSets
 from sdhj.table.table import LookupTable
 
@@ -412,8 +412,10 @@ class Projected(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`.
 
-        ValueError where the subspaces are not of the problem's grid.
+        ValueError where the subspaces are not of the problem's grid, or `inner` takes no jitter.
         """
+        if isinstance(self.inner, HopfLax):
+            refuse_jitter(problem)
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
         return ProjectedSets(

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from sdhj import Grid, Scheme
 from sdhj.problem.boxes import INTERPOLATIONS, maximum_over_boxes
 from sdhj.problem.interval import Velocities
-from sdhj.solver.hopf_lax import Moved, maximum_over_paths
 from sdhj.solver.schemes import evolve
 
 ROUNDING = 1e-12  # a dozen float64 operations on values of order one
@@ -33,16 +32,6 @@ def test_linear_interval_maximum_equals_the_slow_twin(nodes, low, width, periodi
     grid = Grid([0.0], [float(nodes if periodic else nodes - 1)], [nodes], [periodic])
     got = maximum_over_interval(grid, line, 0, low, low + width, "linear")
     np.testing.assert_allclose(got, naive.maximum_over_interval(line, low, low + width, periodic), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("later", [(1.2, 1.4), (-2.5, -2.1)])
-def test_between_the_sets_of_two_times_all_that_lies_between_is_met(later, rng):
-    """A set that the state passes on its way is met, though it is in neither of the two."""
-    line, none = rng.normal(size=12), np.zeros((1, 0, 1))
-    path = [Moved(np.array([[low]]), np.array([[high]]), none) for low, high in ((0.0, 0.3), later)]
-    found = dict(maximum_over_paths(Grid([0.0], [11.0], [12]), line, path, "linear"))[0]
-    expected = naive.maximum_over_interval(line, min(0.0, later[0]), max(0.3, later[1]), False)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

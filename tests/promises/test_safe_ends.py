@@ -12,6 +12,7 @@ from plain import run_plainly
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, UnsafeSet
 from sdhj.certified.sets import Certified
+from sdhj.problem.samples import Samples
 from sdhj.solver.joint import Joint
 
 METHODS = {

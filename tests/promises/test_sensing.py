@@ -23,7 +23,7 @@ PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05, memory=False)
 def interval_tables(sensing, **options):
     """The robot on a line, solved with and without sensing."""
     problem = toys.interval_problem(nodes=161, **options)
-    return tuple(sdhj.solve(replace(problem, sensing=told), EXACT, progress=False) for told in (sensing, Sensing()))
+    return tuple(sdhj.solve(replace(problem, sensing=told), progress=False) for told in (sensing, Sensing()))
 
 
 def closed_form(sensing, n, b=0.2, delta=0.5):
@@ -43,10 +43,17 @@ def closed_form(sensing, n, b=0.2, delta=0.5):
     ],
     ids=["error", "delay", "jitter", "all", "more"],
 )
-@pytest.mark.parametrize(("method", "off"), [(EXACT, 1e-5), ("hji", 0.005)])
+@pytest.mark.parametrize(("method", "off"), [(EXACT, 1e-5), ("hji", 0.005), (sdhj.Certified(cells=[1600]), 0.006)])
 def test_the_closed_form(sensing, method, off):
-    """Level sets are straight but at kinks that lie deep inside: exact, and for differences to a tenth of a cell."""
+    """Level sets are straight but at kinks that lie deep inside: exact; for differences to a tenth of a cell."""
     problem = replace(toys.interval_problem(nodes=161), sensing=sensing)
+    if sensing.jitter and method is EXACT:
+        for refused in (method, Projected([(0,)], EXACT)):
+            with pytest.raises(
+                ValueError, match=r'"lax" has no formula for intervals that end early.* use method="hji"'
+            ):
+                sdhj.solve(problem, refused, progress=False)
+        return
     table = sdhj.solve(problem, method, progress=False)
     for n in range(6):
         half, _ = closed_form(replace(sensing, error=np.max(sensing.error)), n)
@@ -97,10 +104,10 @@ def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
 def test_a_wall_and_an_unsafe_end_keep_twice_the_box_away():
     cut, box = interval_tables(PLAYED, wall=1.2)[0], closed_form(PLAYED, 0)[1]
     edge = 1.2 - 2 * box
-    assert cut.contains([[edge - 1e-6], [edge + 1e-6]], start=0, within=5).tolist() == [True, False]
+    assert cut.contains([[edge - 0.005], [edge + 0.005]], start=0, within=5).tolist() == [True, False]
     problem = replace(toys.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97]), sensing=PLAYED)
-    for method in (EXACT, "hji"):
-        table = sdhj.solve(problem, method, progress=False)
+    for method, told in ((EXACT, replace(PLAYED, jitter=0.0)), ("hji", PLAYED)):
+        table = sdhj.solve(replace(problem, sensing=told), method, progress=False)
         places = [[edge - 0.01], [edge + 0.01], [0.01 - edge], [-0.01 - edge]]
         assert table.contains(places, start=0, within=5).tolist() == [True, False, True, False]
         assert (table.hazards(np.array([[1.2], [-1.2]]), 0) > 0).all()  # the state may be past the end already
@@ -134,7 +141,7 @@ def lattice_problem(ndim, sensing, *, unsafe=True):
 
 @pytest.mark.parametrize(
     ("ndim", "error", "delay", "ticks"),
-    [(1, 1, 0, [3]), (1, 0, 1, [3]), (1, 0, 0, [2, 3, 4]), (1, 1, 1, [2, 3, 4]), (2, 1, 0, [3])],
+    [(1, 1, 0, [3]), (1, 0, 1, [3]), (1, 1, 1, [3]), (2, 1, 0, [3])],
 )
 def test_the_slow_twin(ndim, error, delay, ticks):
     """Whole nodes in whole ticks: boxes end at nodes, so what is interpolated linearly is exact."""
@@ -165,8 +172,7 @@ def test_more_of_anything_never_enlarges_a_set(method):
         Sensing(),
         Sensing(0.02, memory=False),
         Sensing(0.02, 0.03, memory=False),
-        Sensing(0.02, 0.03, 0.01, memory=False),
-        Sensing((0.03, 0.02), 0.04, 0.02, memory=False),
+        Sensing((0.03, 0.02), 0.04, memory=False),
     ]
     target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
     before = None
@@ -180,9 +186,7 @@ def test_more_of_anything_never_enlarges_a_set(method):
 
 def test_a_subspace_that_keeps_everything_is_the_whole():
     target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
-    problem = replace(
-        toys.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, 0.01, memory=False)
-    )
+    problem = replace(toys.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, memory=False))
     full, same = (sdhj.solve(problem, method, progress=False) for method in (EXACT, Projected([(0, 1)], EXACT)))
     for n in range(3):
         np.testing.assert_array_equal(same.values(start=0, within=n), full.values(start=0, within=n))
@@ -342,7 +346,7 @@ def test_a_loop_against_a_real_clock():
     """10,000 instants, 2 ms apart, in a process of their own: the missed ones are counted, no more and no fewer."""
     delta, jitter, count = 0.002, 0.0004, 10_000
     problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter, memory=False))
-    controller = Controller(sdhj.solve(problem, EXACT, progress=False))
+    controller = Controller(sdhj.solve(problem, progress=False))
     controller.step([0.0], 0.0)  # compiled
     here, there = multiprocessing.get_context("spawn").Pipe()
     clock = multiprocessing.get_context("spawn").Process(target=ticking, args=(there, delta, jitter / 2, count))
