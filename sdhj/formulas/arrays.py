@@ -21,9 +21,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from sdhj.formulas import narrowing
 from sdhj.formulas.graph import Node, constant, make, power
-from sdhj.formulas.narrowing import ZERO
 from sdhj.formulas.rules import RULES
-from sdhj.formulas.zeros import ZERO_OF_ANY_SIGN, is_negative_zero
 
 MOST_NODES = 200_000  # entries that one function may compute
 HERE = f"{Path(__file__).parent.parent}{os.sep}"  # the package: what is wrong stands in the frames of its users
@@ -395,16 +393,9 @@ def _sealed_number(array: Traced) -> Traced:
 
 
 def _nodes_of(array: Any) -> Any:
-    """A new object array of nodes, of the shape of an array of numbers and nodes.
-
-    While a function is traced, -0.0 becomes `ZERO_OF_ANY_SIGN`; otherwise it becomes 0.
-    """
+    """A new object array of nodes, of the shape of an array of numbers and nodes; -0.0 becomes 0."""
     out = np.empty_like(array, dtype=object, subok=False)
-    values = array.ravel().tolist()
-    known = state.trace is not None
-    out.flat[:] = [
-        v if isinstance(v, Node) else ZERO_OF_ANY_SIGN if known and is_negative_zero(v) else constant(v) for v in values
-    ]
+    out.flat[:] = [v if isinstance(v, Node) else constant(v) for v in array.ravel().tolist()]
     return out
 
 
@@ -525,23 +516,6 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
 
 
-def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
-    """An answer in which constants that are 0 have become `ZERO_OF_ANY_SIGN`, as NumPy's zero there might be -0.0.
-
-    ufunc : the NumPy function whose answer it is. operands : its operands. The answer itself is returned outside of a
-    trace, for other types than float64, if the ufunc gives no -0.0 (`UNSIGNED`), and if it chooses one of its operands
-    (`CHOSEN`) and none of these has a `ZERO_OF_ANY_SIGN`.
-    """
-    doubtful = ufunc not in CHOSEN or any((one.entries == ZERO_OF_ANY_SIGN).any() for one in operands)
-    if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
-        return answer
-    if not (zero := np.asarray(answer.entries == ZERO)).any():
-        return answer
-    entries = answer.entries.copy("K")
-    entries[zero] = ZERO_OF_ANY_SIGN
-    return Traced(entries, FLOAT)
-
-
 def _truths(array: Any) -> Any:
     """An object array of truth nodes: of each entry whether it is not 0, where truth values stay themselves.
 
@@ -567,11 +541,9 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     if dtype == TRUTH and ufunc in COMPARED:
         return COMPARED[ufunc](*arrays)
     if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
-        return _with_zeros_of_any_sign(
-            ufunc, Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype), *arrays
-        )
+        return Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype)
     if ufunc in MADE and dtype == FLOAT:
-        return _with_zeros_of_any_sign(ufunc, MADE[ufunc](*(Traced(one.entries) for one in arrays)), *arrays)
+        return MADE[ufunc](*(Traced(one.entries) for one in arrays))
     name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
         raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
@@ -589,14 +561,8 @@ def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
 
-def _ufuncs_with_zeros(zeros: str) -> set[Any]:
-    """The set of NumPy's ufuncs whose record has this word in `Rule.zeros`: "kept", "positive" or "chosen"."""
-    return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
-
-
 OPERATIONS = _read_as(False) | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
 LOGICAL = _read_as(True)
-UNSIGNED, CHOSEN = _ufuncs_with_zeros("positive"), _ufuncs_with_zeros("chosen")
 EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.whole}
 
 
@@ -668,7 +634,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
         entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
-    return _sealed_number(_with_zeros_of_any_sign(ufunc, Traced(entries, array.dtype), array))
+    return _sealed_number(Traced(entries, array.dtype))
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
@@ -781,7 +747,7 @@ def _summed(function: Any, *args: Any) -> Any:
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
     answer = _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
-    return _sealed_number(_with_zeros_of_any_sign(function, answer))
+    return _sealed_number(answer)
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numba import config
 
-from sdhj.formulas import zeros
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
@@ -84,9 +83,7 @@ class Formula(Remembering):
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
-        return cls(
-            with_checked_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, [function]
-        )
+        return cls(tuple(outputs), coordinates, len(names), (), name, [function])
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
@@ -358,37 +355,6 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
         found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table.digest], table.lower, table.spacing
     results = np.array([slots[one] for one in outputs], np.int64)
     return code, np.array([top]), results, found, value, places, flat or [np.zeros(1)]
-
-
-def with_checked_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The nodes of a traced function with 0 in place of `ZERO_OF_ANY_SIGN`, after a check of each arctan2(y, x) in
-    them.
-
-    NotTraced where y may be 0 in a whole region and the sign of this zero decides the angle: `zeros.signs` looks for
-    that at random points, with a fixed seed. It does not decide where x > 0 for all coordinates and parameters up to
-    1e6 in size, nor where the zeros of y and of x are surely +0.0. name : what the function is, for the message.
-    """
-    rng = np.random.default_rng(0)
-    scales = np.repeat([1.0, 10.0], zeros.POINTS // 2)
-    points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
-
-    def values(nodes: Sequence[Node]) -> FloatArray:
-        """The values of nodes at the `zeros.POINTS` random points drawn above, (nodes, points); NaN where undefined."""
-        one = Formula(tuple(nodes), coordinates, parameters, (len(nodes),), name)
-        return one(points, *given, finite=False).T
-
-    wide, times = np.full((1, coordinates), 1e6), [(-1e6, 1e6)] * parameters
-    for one in ordered(outputs):
-        if one.op == "arctan2" and (ys := zeros.signs(one.args[0], values)):
-            x = Formula(one.args[1:], coordinates, parameters)
-            ahead = x.bounds(-wide, wide, *times)[0].item() > 0  # then it is the zero of y
-            if not ahead and (ys != {1.0} or not zeros.signs(one.args[1], values) <= {1.0}):
-                raise NotTraced(
-                    f"{name} has an arctan2(y, x) whose y is 0 in a whole region, where the sign of this zero decides "
-                    "between pi and -pi, or 0 and pi, and formulas do not keep signs of zeros; keep y off 0, as "
-                    "np.maximum(y, 1e-9) does in place of np.maximum(y, 0.0), or x above 0, or wrap it in sdhj.BlackBox"
-                )
-    return tuple(zeros.with_unsigned_zeros(outputs))
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:

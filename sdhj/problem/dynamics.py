@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.derivative import linear
-from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, with_checked_zeros
+from sdhj.formulas.formula import BlackBox, Ends, Formula, compare
 from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
 from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import MOST_LINES
@@ -254,8 +254,7 @@ class Dynamics:
                 f"{name} has {lines:,} operations for all {count} inputs together, and a file keeps fewer than "
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
-        results = with_checked_zeros(name, outputs, ndim, parameters)
-        self._parts[name] = given, Formula(results, ndim, parameters, (count, *one), name)
+        self._parts[name] = given, Formula(tuple(outputs), ndim, parameters, (count, *one), name)
         return self._parts[name][1]
 
 
