@@ -11,7 +11,7 @@ import pytest
 import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.findings import ResolutionWarning
-from sdhj.problem.nodes import least_in_cells
+from sdhj.problem.nodes import least_in_cells, least_of_cells
 from sdhj.problem.samples import Samples
 from sdhj.solver.joint import Joint
 from sdhj.solver.resolution import check_resolution, check_sets, too_thin_finding
@@ -100,6 +100,17 @@ def test_an_indicator_is_no_distance():
     costmap = UnsafeSet((0, 1), lambda p, t: np.where(np.hypot(p[:, 0] - 3.0, p[:, 1] - 3.0) < 1.0, -1.0, 1.0))
     with pytest.warns(ResolutionWarning, match="jumps at the set's boundary"):
         check_resolution(replace(room(), unsafe=(costmap,)))
+
+
+def test_by_bounds_the_least_in_the_cells_is_that_of_the_closed_form(rng):
+    """Also across the seam of a periodic axis, of a function that is periodic."""
+    grid, centre = Grid([0.0, 0.0], [2.0, 3.0], [12, 9], [True, False]), np.array([0.1, 1.21])
+    away = UnsafeSet((0, 1), lambda p, t: np.hypot(np.sin(np.pi / 2 * (p[:, 0] - 0.1)), p[:, 1] - 1.21) - 0.2)
+    least = least_of_cells(grid, lambda low, high: away.least(low, high, 0.0, None, "swept"))
+    around = grid.points()[:, None] + np.array(grid.spacing) * rng.uniform(-1, 1, (500, 2))
+    around[..., 1] = np.clip(around[..., 1], 0.0, 3.0)
+    values = away.level_set(grid.wrapped(around.reshape(-1, 2)), 0.0).reshape(*grid.shape, 500).min(axis=-1)
+    assert (least <= values).all() and (values - least).max() <= 0.5 * max(grid.spacing) and centre.size == 2
 
 
 def test_the_least_in_the_cells_is_that_of_the_closed_form_or_a_little_less(rng):

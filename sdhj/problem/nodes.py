@@ -6,10 +6,10 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
-from sdhj.problem.sets import LARGEST, STEEP
+from sdhj.problem.sets import LARGEST
 
 SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0, so that nodes outside count as inside
-AROUND = 6  # nodes on each side that `closed` depends on
+LOOKED_INTO = 1000  # cells with a 0 at all corners
 # Shares of the largest value at the corners of the grid (`size_of`):
 HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
 ON_BOUNDARY = 2.0**-90  # below 0, at a node where a function is 0: negative in single precision, negligible
@@ -84,62 +84,54 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
     return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
 
 
-def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
-    """Values (*grid.shape) of an unsafe set, made negative at all nodes where they are <= 0, as G is closed.
+def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+    """Values (*grid.shape) of an unsafe set, negative at all nodes where they are <= 0, as G is closed: a new array.
 
-    The result is a new array; values above 0 stay as they are. A node on the boundary gets minus `ON_BOUNDARY`.
-
-    A function that is 0, up to `HAIR`, in the whole set (an unsigned distance, a positive part, 1 - occupancy) does not
-    say where between two nodes the set ends. It is therefore extrapolated into the set with its slope just outside,
-    which puts the boundary of a distance where it belongs. If the slope at the set is steeper than before, as where the
-    function jumps or is cut off, the set is assumed to end next to the outer node. The value at a node depends on those
-    up to `AROUND` nodes away.
-
-    size : of the function, from `size_of`; `ON_BOUNDARY` and `HAIR` are shares of it.
+    A node on the boundary gets minus `ON_BOUNDARY`, a share of `size_of`. ValueError, with the set's `name`, where the
+    function is 0, up to `HAIR` of that, at all corners of a cell and in its middle: it does not say where the set ends.
     """
-    inside = np.nonzero(values <= 0.0)
-    level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
-    near = [_values_beyond(grid, values, inside, *one) for one in steps]  # NaN past an end, which nothing finds
-    flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
-    at_boundary = flat & np.any([one > 0.0 for one in near], axis=0)
-    out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
-    if not at_boundary.any():
-        return out
-    at = tuple(index[at_boundary] for index in inside)
-    depth, fallen = out[at], np.zeros(np.count_nonzero(at_boundary))
-    for (axis, by), first in zip(steps, near, strict=True):
-        first, second = first[at_boundary], _values_beyond(grid, values, at, axis, 2 * by)
-        drop, rate = first - level[at_boundary], second - first
-        fall = np.where(rate >= drop * (1.0 - 1e-6), np.maximum(rate, drop), (1.0 + STEEP) * drop)
-        depth = np.where(first > 0.0, np.minimum(depth, first - fall), depth)
-        fallen = np.where(first > 0.0, np.maximum(fallen, fall), fallen)
-    step = np.zeros(values.shape)
-    out[at], step[at] = depth, fallen
-    rest = tuple(index[flat & ~at_boundary] for index in inside)
-    for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
-        falls = np.nan_to_num([_values_beyond(grid, step, rest, *one) for one in steps])
-        there = (_values_beyond(grid, out, rest, *one) for one in steps)
-        depths = [np.where(fall > 0.0, one - fall, -np.inf) for one, fall in zip(there, falls, strict=True)]
-        found = falls.max(axis=0) > 0.0
-        at = tuple(index[found] for index in rest)
-        out[at], step[at] = np.max(depths, axis=0)[found], falls.max(axis=0)[found]
-        rest = tuple(index[~found] for index in rest)
-    return out
+    size = size_of(grid, function)
+    flat = np.abs(values) <= HAIR * size
+    for axis in range(grid.ndim if flat.any() else 0):
+        flat = np.logical_and(*grid.edges(flat, axis))
+    if flat.any():
+        middles = np.array(grid.lower) + (np.argwhere(flat)[:LOOKED_INTO] + 0.5) * grid.spacing
+        if (zero := np.abs(function(middles)) <= HAIR * size).any():
+            where = np.round(middles[int(zero.argmax())], 6).tolist()
+            raise ValueError(
+                f"the level-set function of {name!r} is 0 in a whole region, as at {where}, so it does not say where "
+                "between two nodes the set ends. Give a distance that is negative inside (without np.maximum(..., 0); "
+                "sdhj.UnsafeSet.from_map, polygon, box, disk), or sampling='cell', which enlarges the set by a cell"
+            )
+    return np.where(values == 0.0, -ON_BOUNDARY * size, values)
 
 
-def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
-    """Values (K,) at the nodes that are `by` nodes further along an axis than the K nodes `at`; NaN past a bounded end.
+def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+    """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape).
 
-    values : (*grid.shape). at : an index array (K,) for each axis, as np.nonzero gives. by : negative for the other
-    direction. On a periodic axis nodes go around.
+    least : lower bounds (M,) in boxes, of their corners (M, ndim). Both ends of a periodic axis have cells, as a
+    function that is not periodic jumps between the two. A bound of 0 becomes minus `ON_BOUNDARY`.
     """
-    n, moved = grid.shape[axis], at[axis] + by
-    found = values[(*at[:axis], moved % n, *at[axis + 1 :])]
-    return found if grid.periodic[axis] else np.where((moved >= 0) & (moved < n), found, np.nan)
+    ends = []
+    for axis, (high, periodic) in enumerate(zip(grid.upper, grid.periodic, strict=True)):
+        nodes = grid.nodes(axis)
+        ends.append(np.append(nodes, np.nextafter(high, nodes[0])) if periodic else nodes)
+    shape = [len(one) - 1 for one in ends]
+    low, high = (
+        np.stack(np.meshgrid(*(one[some] for one in ends), indexing="ij"), axis=-1).reshape(-1, grid.ndim)
+        for some in (slice(-1), slice(1, None))
+    )
+    values = np.asarray(least(low, high)).reshape(shape)
+    for axis, periodic in enumerate(grid.periodic):
+        if not periodic:
+            values = np.pad(values, [(1 * (k == axis), 1 * (k == axis)) for k in range(grid.ndim)], "edge")
+        before, behind = grid.edges(values, axis)
+        values = np.minimum(np.roll(values, 1, axis), values) if periodic else np.minimum(before, behind)
+    return np.where(values == 0.0, -ON_BOUNDARY, values)
 
 
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape).
+    """As `least_of_cells`, of a function of which no bounds are known.
 
     It is the least, over the points z that cut each cell's edge into `FINE` parts, of
 

@@ -1,6 +1,7 @@
 """A problem's level-set functions, of target and unsafe sets, at the nodes on which games are played."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -11,7 +12,7 @@ from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.interval import Interval
-from sdhj.problem.nodes import checked_values, closed, least_in_cells, sampled_on, size_of
+from sdhj.problem.nodes import checked_values, closed, least_in_cells, least_of_cells, sampled_on
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 
@@ -103,15 +104,12 @@ class Samples:
         view_time : one of `VIEW_TIMES`, by default the problem's. ValueError where a value is not finite or out of the
         range of single precision, or a black box declares too little.
         """
-        how: Callable[[FloatArray], FloatArray] = partial(_level_set_at, part, t0)
-        if part.moving and t1 is not None and isinstance(part, UnsafeSet):
-            how = partial(part.over, t0=t0, t1=t1, view_time=view_time or self.problem.view_time)
-        grid = self.grid.subgrid(part.axes)
+        grid, view_time = self.grid.subgrid(part.axes), view_time or self.problem.view_time
         if part.moving or (part is self.problem.target and grid.size > SMALL):  # would take as much memory as a tube
-            return read_only(_at_nodes(part, grid, how))
+            return read_only(_at_nodes(part, grid, t0, t1, view_time))
         key = part.level_set, part.axes, getattr(part, "sampling", "")
         if key not in self._static:
-            self._static[key] = read_only(_at_nodes(part, grid, how))
+            self._static[key] = read_only(_at_nodes(part, grid, t0, None, view_time))
         return self._static[key]
 
     def goal(self, step: int) -> FloatArray:
@@ -133,22 +131,26 @@ class Samples:
         return np.ascontiguousarray(np.broadcast_to(values, grid.shape))
 
 
-def _level_set_at(part: TargetSet | UnsafeSet, t: float, points: FloatArray) -> FloatArray:
-    """The level-set function of a set at points (M, axes) and time t, s: (M,)."""
-    return np.asarray(part.level_set(points, t))
-
-
-def _at_nodes(part: TargetSet | UnsafeSet, grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """The values (*shape) of a set's level-set function, of points (M, axes), at the nodes of its grid.
+def _at_nodes(part: TargetSet | UnsafeSet, grid: Grid, t0: float, t1: float | None, view_time: str) -> FloatArray:
+    """The level-set function of a set at t0, or over [t0, t1], at the nodes of its grid: (*shape).
 
     Of an unsafe set by its `sampling`. "nodes": made `nodes.closed`. "steep": the same, times `STEEP` inside the set.
-    "cell": lower bounds in the cells around each node (`nodes.least_in_cells`).
+    "cell": lower bounds in the cells around each node.
     """
-    sampling = part.sampling if isinstance(part, UnsafeSet) else None
-    if sampling == "cell":
+
+    def function(points: FloatArray) -> FloatArray:
+        """The values (M,) at points (M, axes)."""
+        if t1 is None or not isinstance(part, UnsafeSet):
+            return np.asarray(part.level_set(points, t0))
+        return part.over(points, t0, t1, view_time)
+
+    if not isinstance(part, UnsafeSet):
+        return sampled_on(grid, function, part.name)
+    if part.sampling == "cell":
+        with suppress(ValueError):  # where a black box declares too little
+            found = least_of_cells(grid, partial(part.least, t0=t0, t1=t1, view_time=view_time))
+            if np.isfinite(found).all():
+                return found
         return least_in_cells(grid, lambda points: checked_values(function(points), points, part.name))
-    values = sampled_on(grid, function, part.name)
-    if sampling is None:
-        return values
-    values = closed(grid, values, size_of(grid, function))
-    return np.where(values < 0, STEEP * values, values) if sampling == "steep" else values
+    values = closed(grid, sampled_on(grid, function, part.name), function, part.name)
+    return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values

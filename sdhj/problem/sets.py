@@ -42,8 +42,8 @@ class UnsafeSet:
     level_set : callable (points (M, len(axes)), t) -> (M,)
         Takes coordinates on these axes, whatever this first parameter is called (but not t, u or v), and the time in
         s. Values <= 0 in the set at time t, its boundary included, and
-        > 0 outside; ideally the signed distance to the set. A function that is 0 in the whole set also works if it
-        grows like a distance outside.
+        > 0 outside; ideally the signed distance to the set. One that is 0 in a whole region is refused by methods on
+        the grid, unless sampling="cell".
     swept : callable (points, t0, t1) -> (M,), optional
         Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
         By default the library bounds `level_set` over [t0, t1] in pieces of time.
@@ -403,6 +403,19 @@ class UnsafeSet:
             pieces = pairwise(times) if t1 > t0 else [(t0, t1)]
             return reduce(np.minimum, [self.level_set.least(points, piece) for piece in pieces])
         return reduce(np.minimum, [self.level_set(points, t) for t in times])
+
+    def least(self, low: FloatArray, high: FloatArray, t0: float, t1: float | None, view_time: str) -> FloatArray:
+        """Lower bounds (M,) in boxes, of corners (M, len(axes)), of the level-set function at t0 or of that of `over`.
+
+        ValueError where a black box declares too little.
+        """
+        times = [(t0, t0)]
+        if self.moving and t1 is not None:
+            if view_time == "swept" and self.swept is not None:
+                return np.asarray(self.swept.bounds_by_branch(low, high, (t0, t0), (t1, t1))[0])
+            ends = np.linspace(t0, t1, SUBSAMPLES).tolist()
+            times = list(pairwise(ends)) if view_time == "swept" and t1 > t0 else [(t, t) for t in ends]
+        return reduce(np.minimum, [self.level_set.bounds_by_branch(low, high, when)[0] for when in times])
 
 
 class Solved(Protocol):
