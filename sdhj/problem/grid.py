@@ -249,7 +249,8 @@ class Grid(Remembering):
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
         """A new grid of these axes, with the nodes added to them: what `subgrid`, which keeps it, returns."""
-        each = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.spacing, self.added
+        each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
+        each += self.spacing, self.added
         *given, spacing, added = ([one[axis] for axis in axes] for one in each)
         return Grid(*given)._as_part_of(spacing, added)
 

@@ -113,9 +113,9 @@ def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatAr
     function that is not periodic jumps between the two. A bound of 0 becomes minus `ON_BOUNDARY`.
     """
     ends = []
-    for axis, (high, periodic) in enumerate(zip(grid.upper, grid.periodic, strict=True)):
+    for axis, (end, periodic) in enumerate(zip(grid.upper, grid.periodic, strict=True)):
         nodes = grid.nodes(axis)
-        ends.append(np.append(nodes, np.nextafter(high, nodes[0])) if periodic else nodes)
+        ends.append(np.append(nodes, np.nextafter(end, nodes[0])) if periodic else nodes)
     shape = [len(one) - 1 for one in ends]
     low, high = (
         np.stack(np.meshgrid(*(one[some] for one in ends), indexing="ij"), axis=-1).reshape(-1, grid.ndim)

@@ -71,7 +71,7 @@ class Samples:
             )
 
         dynamics = self.dynamics.clipped(*grid.faces("frees"))
-        return Samples(self.problem, grid.wider(padding, grid.ends), dynamics, map(as_at_the_end, self.unsafe))
+        return Samples(self.problem, grid.wider(padding.tolist(), grid.ends), dynamics, map(as_at_the_end, self.unsafe))
 
     def interval(self, step: int) -> Interval:
         """The motion from step k to k + 1 on this grid; on the problem's own it is the problem's."""
