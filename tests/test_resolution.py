@@ -434,7 +434,6 @@ def beside_a_square(flat, deep, sampling="nodes"):
         (True, 0.12, "nodes", True),
         (False, 0.05, "nodes", False),
         (True, 0.3, "nodes", False),  # three cells
-        (True, 0.0, "nodes", False),  # 0 in the whole set
         (True, 0.05, "steep", False),  # as the warning advises
         (True, 0.05, "cell", False),
     ],

@@ -109,7 +109,7 @@ def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
         if getattr(part, "inputs", None) is not None or not inside.any():
             continue
         at = points[inside].take(part.axes, axis=1)
-        if jitter and part.moving:
+        if jitter and part.moving and isinstance(part, UnsafeSet):
             values = part.over(at, t - jitter, t + jitter, problem.view_time)
         else:
             values = part.level_set(at, t)

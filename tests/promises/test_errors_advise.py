@@ -455,15 +455,6 @@ CASES = {
         lambda to: agent().step(0),
         lambda to: agent(reset=True).step(0),
     ),
-    "a zero whose sign decides": (
-        r"keep y off 0, as np.maximum\(y, 1e-9\) does .*, or x above 0, or wrap it in sdhj.BlackBox",
-        lambda to: with_target(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 0.0), -1.0 - p[:, 0] ** 2) + 3.0),
-        lambda to: (
-            with_target(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 1e-9), -1.0 - p[:, 0] ** 2) + 3.0),
-            with_target(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 0.0), 1.0 + p[:, 0] ** 2) + 0.3),
-            with_target(sdhj.BlackBox(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 0.0), -1.0 - p[:, 0] ** 2) + 3.0)),
-        ),
-    ),
     "something else than its arguments": (
         "write it in NumPy's functions of the arguments alone, or wrap it in sdhj.BlackBox",
         lambda to: solved(with_target(elsewhere)),

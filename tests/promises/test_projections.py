@@ -224,7 +224,7 @@ def test_the_inner_projection_is_the_greatest_over_what_was_dropped(axes, plain,
     if plain:
         run_plainly(monkeypatch)
     games = projected_games(chase_problem(nodes=9), [axes], HJI())
-    values = rng.normal(size=games.problem.grid.shape).astype(np.float32)
+    values = rng.normal(size=games.samples.grid.shape).astype(np.float32)
     expected = np.full([values.shape[axis] for axis in axes], -np.inf, np.float32)
     for node in np.ndindex(values.shape):
         place = tuple(node[axis] for axis in axes)
