@@ -88,9 +88,11 @@ class Grid(Remembering):
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
+        _past: tuple[Sequence[float], Sequence[Sequence[int]]] | None = None,
     ) -> None:
         """Check the arguments, which are those of the class, and write them out for each axis.
 
+        _past : (spacing, added) of a grid that goes past another one, at its spacing to the bit; given by this class.
         ValueError, with the argument and mostly the axis, where one does not fit.
         """
         ndim = len(sequence("shape", shape))
@@ -119,9 +121,10 @@ class Grid(Remembering):
         for name, values in checked.items():
             object.__setattr__(self, name, tuple(values))
         each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
-        spacing = tuple((high - low) / (n if turns else n - 1) for low, high, n, turns in each)
-        object.__setattr__(self, "spacing", spacing)
-        object.__setattr__(self, "added", ((0, 0),) * ndim)
+        own = [(high - low) / (n if turns else n - 1) for low, high, n, turns in each]
+        spacing, added = (own, [(0, 0)] * ndim) if _past is None else _past
+        object.__setattr__(self, "spacing", tuple(spacing))
+        object.__setattr__(self, "added", tuple((int(low), int(high)) for low, high in added))
 
     @property
     def ndim(self) -> int:
@@ -185,16 +188,8 @@ class Grid(Remembering):
         """
         past, nodes = np.array(by).T * self.spacing, (np.sum(by, axis=1) + self.shape).tolist()
         lower, upper = (self.lower - past[0]).tolist(), (self.upper + past[1]).tolist()
-        return Grid(lower, upper, nodes, self.periodic, self.names, ends)._as_part_of(
-            self.spacing, (np.array(self.added) + by).tolist()
-        )
-
-    def _as_part_of(self, spacing: Sequence[float], added: Sequence[Sequence[int]]) -> "Grid":
-        """This new grid itself, with the spacing of another and the `added` nodes, where it has any."""
-        if np.any(added):
-            object.__setattr__(self, "spacing", tuple(spacing))
-            object.__setattr__(self, "added", tuple((int(low), int(high)) for low, high in added))
-        return self
+        added = np.array(self.added) + by
+        return Grid(lower, upper, nodes, self.periodic, self.names, ends, _past=(self.spacing, added.tolist()))
 
     @property
     def piece_shape(self) -> tuple[int, tuple[int, ...]]:
@@ -250,9 +245,9 @@ class Grid(Remembering):
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
         """A new grid of these axes, with the nodes added to them: what `subgrid`, which keeps it, returns."""
         each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
-        each += self.spacing, self.added
-        *given, spacing, added = ([one[axis] for axis in axes] for one in each)
-        return Grid(*given)._as_part_of(spacing, added)
+        past = [self.spacing[axis] for axis in axes], [self.added[axis] for axis in axes]
+        lower, upper, shape, periodic, names, ends = ([one[axis] for axis in axes] for one in each)
+        return Grid(lower, upper, shape, periodic, names, ends, past)
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
