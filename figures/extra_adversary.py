@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk
+from sdhj.common.findings import ProjectionWarning
 from sdhj.plotting.looks import INK
-from sdhj.problem.findings import ProjectionWarning
 
 MAIN_JOB = False
 BOUNDS = {

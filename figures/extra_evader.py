@@ -17,8 +17,8 @@ from matplotlib.lines import Line2D
 
 import sdhj
 from sdhj import plotting
+from sdhj.common.findings import ProjectionWarning
 from sdhj.plotting.trajectories import WAY
-from sdhj.problem.findings import ProjectionWarning
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import Report, Trajectory
 from sdhj.table.batches import Table

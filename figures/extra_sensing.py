@@ -27,8 +27,8 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk, Still
+from sdhj.common.findings import ProjectionWarning
 from sdhj.kernels import FloatArray
-from sdhj.problem.findings import ProjectionWarning
 from sdhj.problem.problem import ReachAvoidProblem
 
 MAIN_JOB = False

@@ -43,19 +43,19 @@ if not (_threads := os.environ.get("NUMBA_NUM_THREADS", "1")).isdecimal() or not
 from sdhj.arm.case_studies import arm_case_study, evader_case_study
 from sdhj.certified.export import export_c
 from sdhj.certified.sets import Certified
+from sdhj.common.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
 from sdhj.formulas.arrays import NotTraced
 from sdhj.formulas.formula import BlackBox, complement, intersection, union
 from sdhj.formulas.gridded import gridded
 from sdhj.problem.ball import Ball
-from sdhj.problem.bodies import Body
 from sdhj.problem.dynamics import Dynamics
-from sdhj.problem.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.records import bounds_from_records
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.problem.shapes.bodies import Body
 from sdhj.simulation.adversaries import Moment
+from sdhj.simulation.records import bounds_from_records
 from sdhj.simulation.runs import monte_carlo, simulate
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.projections import Projected

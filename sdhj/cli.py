@@ -32,11 +32,11 @@ from sdhj.certified.check import verify as check
 from sdhj.certified.export import FIELDS, export_c
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
+from sdhj.common.findings import ResolutionWarning
 from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
-from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of

@@ -12,16 +12,16 @@ from tqdm import tqdm
 from sdhj.certified.explaining import scanty_finding
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CellSets, CertifiedTable
+from sdhj.common.findings import Finding, findings, tell
 from sdhj.kernels.compiling import announced, hidden
-from sdhj.problem.findings import Finding, findings, tell
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import check_by_runs, played
 from sdhj.solver.entries import solve_stored
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, TubeSets, recursion
 from sdhj.solver.resolution import check_sets
+from sdhj.solver.suspected import suspicions
 from sdhj.table.batches import Table
 from sdhj.table.files import opened_table, table_in
 from sdhj.table.table import LookupTable

@@ -17,7 +17,7 @@ from toys import interval_problem, interval_table
 import sdhj
 from sdhj import BlackBox, Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
 from sdhj.certified import Certified
-from sdhj.problem import memory
+from sdhj.common import memory
 
 ONE = np.array([2.0])
 
@@ -414,7 +414,7 @@ def test_address_space_is_a_limit_and_is_named():
     code = "\n".join(
         [
             "import resource, sdhj",
-            "from sdhj.problem import memory",
+            "from sdhj.common import memory",
             "resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, resource.RLIM_INFINITY))",
             "memory.require_memory(10**8, 'little')",
             "memory.require_memory(29 * 10**8, 'much')",

@@ -13,7 +13,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import Dynamics, Grid, UnsafeSet
-from sdhj.problem.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
+from sdhj.common.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
 
 
 def bars(edge=3.9):

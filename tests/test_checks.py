@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sdhj.problem.checks import number, pair, whole
+from sdhj.common.checks import number, pair, whole
 
 
 @pytest.mark.parametrize("value", [3, 3.0, np.int8(3), np.float32(3)])

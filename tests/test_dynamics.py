@@ -15,7 +15,7 @@ from parameters import but_slow
 
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.problem.checks import arguments
+from sdhj.problem.arguments import arguments
 from sdhj.problem.interval import Interval
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames

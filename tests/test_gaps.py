@@ -15,7 +15,7 @@ import pytest
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, past_ends
 from sdhj.solver.gaps import gaps

@@ -8,7 +8,7 @@ import toys
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 
 ERROR = np.array([0.002, 0.02])
 LEVELS = np.array([[-4.0], [-2.0], [0.0], [2.0], [4.0]])  # rad/s^2

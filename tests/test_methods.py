@@ -184,7 +184,7 @@ def test_a_short_form_stands_for_the_object_with_its_usual_options():
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sdhj.problem.findings.ProjectionWarning"
+    "ignore::sdhj.common.findings.ProjectionWarning"
 )  # dropping x loses the target, dropping y not
 @pytest.mark.parametrize(("name", "method"), [("hji", HJI()), ("projected", Projected()), ("lax", HopfLax())])
 def test_a_short_form_gives_the_table_of_its_object(name, method):

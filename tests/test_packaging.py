@@ -174,7 +174,7 @@ OURS = {"sdhj", "course"} | {
     ("pattern", "extras"),
     [
         ("sdhj/*.py", []),
-        ("sdhj/problem/maps.py", ["maps"]),
+        ("sdhj/problem/shapes/maps.py", ["maps"]),
         ("sdhj/simulation/*.py", []),
         ("sdhj/simulation/environment.py", ["gym"]),
         ("sdhj/certified/**/*.py", []),
@@ -190,7 +190,9 @@ def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
     declared = {requirement.name.replace("-", "_") for requirement in requirements(*extras)}
     if pattern.startswith("tests"):
         declared.add("playwright")  # of the group `dev`; skipped without it
-    own = {"sdhj/problem/maps.py", "sdhj/simulation/environment.py"} - {pattern}  # these have extras of their own
+    own = {"sdhj/problem/shapes/maps.py", "sdhj/simulation/environment.py"} - {
+        pattern
+    }  # these have extras of their own
     undeclared = {name: files - own for name, files in imported(pattern).items() if name not in declared}
     assert not any(undeclared.values()), undeclared
 

@@ -8,7 +8,7 @@ import pytest
 
 import sdhj
 from sdhj import plotting
-from sdhj.problem.records import chance
+from sdhj.simulation.records import chance
 
 DRAWS, DT = 200, 0.25  # s
 # 200 draws at 95 %: 190 +- 3.1 expected; fewer than 180 happen by chance once in five hundred times.

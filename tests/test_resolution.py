@@ -10,7 +10,7 @@ import pytest
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells, least_of_cells
 from sdhj.problem.samples import Samples
 from sdhj.solver.joint import Joint

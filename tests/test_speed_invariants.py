@@ -12,8 +12,8 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import Grid, Scheme
+from sdhj.common import memory
 from sdhj.kernels import compiling
-from sdhj.problem import memory
 from sdhj.problem.interval import Velocities
 from sdhj.solver import recursion, schemes
 from sdhj.solver.joint import Joint
@@ -76,7 +76,7 @@ def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "lax", "projected"])
-@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
 def test_few_loops_are_shared_out(monkeypatch, method):
     """Of the kernels' calls, those on arrays that are not small; each wakes all threads."""
     counted, call = [], compiling.Shared.__call__
@@ -128,7 +128,7 @@ def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores
 
 
 @pytest.mark.parametrize("method", ["hji", "lax", "projected"])
-@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
 def test_rows_that_are_joined_change_nothing(monkeypatch, method):
     """Inputs join a small grid in few long rows; in rows of the last half of the axes they join it to the same bits."""
     found = {}
@@ -239,7 +239,7 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
 @pytest.mark.parametrize(
     "gain",
     [pytest.param(np.eye(3), id="boxes"), pytest.param(np.ones((3, 3)), id="coupled", marks=pytest.mark.slow)],

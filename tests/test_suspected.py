@@ -6,8 +6,8 @@ from fleet import FLEET
 from toys import torus_problem, unicycle_problem
 
 import sdhj
-from sdhj.problem.findings import ResolutionWarning, tell
-from sdhj.problem.suspected import suspicions
+from sdhj.common.findings import ResolutionWarning, tell
+from sdhj.solver.suspected import suspicions
 
 PI = np.pi
 

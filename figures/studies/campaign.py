@@ -19,9 +19,9 @@ from tqdm import tqdm
 
 import sdhj
 from sdhj.cli import SEED, plainly
+from sdhj.common.checks import whole
 from sdhj.kernels.compiling import hidden
 from sdhj.plotting.looks import writable_folder
-from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import monte_carlo

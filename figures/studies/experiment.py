@@ -42,9 +42,9 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.records import chance
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import first_moment, worst
+from sdhj.simulation.records import chance
 from sdhj.simulation.runs import admissible_states
 from sdhj.table.batches import Table
 from sdhj.table.controller import Action, Controller

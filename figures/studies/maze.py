@@ -22,9 +22,9 @@ from matplotlib.patches import Rectangle
 import sdhj
 from sdhj import plotting
 from sdhj.cli import plainly
+from sdhj.common.findings import ResolutionWarning
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style, writable_picture
-from sdhj.problem.findings import ResolutionWarning
 from sdhj.table.batches import Table
 
 SIDE = 10.0  # m

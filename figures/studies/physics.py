@@ -25,10 +25,10 @@ from tqdm import tqdm
 import sdhj
 from sdhj import plotting
 from sdhj.cli import RUNS, SEED, plainly
+from sdhj.common.checks import whole
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.plotting.looks import writable_picture
-from sdhj.problem.checks import whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import SUBSTEPS, Trajectory, admissible_states, name_of, simulate

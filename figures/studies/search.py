@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.common.checks import whole
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
-from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import SUBSTEPS, admissible_states, check_controller, name_of, rollouts

@@ -8,9 +8,9 @@ import numpy as np
 import sdhj
 from course.draw.sets import canvas
 from sdhj.arm.workspace import Disk, Line, Segment, Still
+from sdhj.common.findings import ResolutionWarning
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import Dynamics
-from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import TargetSet, UnsafeSet

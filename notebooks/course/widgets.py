@@ -29,8 +29,8 @@ from PIL.PngImagePlugin import PngInfo
 
 from course.live_figure import LiveFigure
 from sdhj.arm.case_studies import scene
+from sdhj.common.findings import ResolutionWarning
 from sdhj.plotting.looks import UNDATED, new_figure, style
-from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 

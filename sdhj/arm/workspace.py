@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sdhj.common.checks import number, option, pair
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import number, option, pair
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi

@@ -8,10 +8,10 @@ import numpy as np
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
 from sdhj.certified.limits import MORE_CELLS, Gain, Limits
+from sdhj.common.checks import finite_array, whole
+from sdhj.common.findings import Finding
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import boxes_in_set, cells_at
-from sdhj.problem.checks import finite_array, whole
-from sdhj.problem.findings import Finding
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.explaining import Explanation, Failure, tube_in_words, why_refuted
 

@@ -30,10 +30,10 @@ from tqdm import tqdm
 from sdhj.certified.arriving import arrived_in_c
 from sdhj.certified.table import CertifiedTable
 from sdhj.certified.words import CLEAR, Rule, words_of
+from sdhj.common.checks import option, whole
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
-from sdhj.problem.checks import option, whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import threads
 from sdhj.table.beside import predicted, squared_distances

@@ -29,6 +29,8 @@ from sdhj.certified.word_tubes import (
     united,
     windows,
 )
+from sdhj.common.checks import whole
+from sdhj.common.memory import require_memory
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -46,8 +48,6 @@ from sdhj.kernels.stencils import (
     mark_exits,
 )
 from sdhj.kernels.windows import clear_inputs_that_meet
-from sdhj.problem.checks import whole
-from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.table.container import Contents

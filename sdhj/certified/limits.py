@@ -28,10 +28,10 @@ import numpy as np
 from sdhj.certified.cells import CellAxis, aligned, axis_of, layers_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import BOXES_OF_A_SET
+from sdhj.common.findings import findings
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray
-from sdhj.problem.findings import findings
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.solver.methods import HJI

@@ -127,7 +127,7 @@ from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import GrowsTooFast
 from sdhj.certified.table import CellSets
-from sdhj.problem.checks import Options, number, whole
+from sdhj.common.checks import Options, number, whole
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion

@@ -20,12 +20,12 @@ from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.limits import Limits
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
+from sdhj.common.checks import number, real_array, states_array, whole
+from sdhj.common.findings import Finding, UnsettledWarning, tell
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, boxes_in_set, fewest_steps, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
-from sdhj.problem.checks import number, real_array, states_array, whole
-from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
@@ -738,7 +738,7 @@ class CellSets:
         """The table of all entries, with `details` and facts about its cells; called once, as the entries are used up.
 
         The table of a problem without a number of steps has as many as changed a set. A warning is told where that has
-        not settled (`sdhj.problem.findings.tell`).
+        not settled (`sdhj.common.findings.tell`).
         """
         proof, problem = self.proof, self.proof.problem
         facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from sdhj.plotting.looks import FAINT, INK, OUTCOME_INK
-from sdhj.problem.records import RecordedBounds
+from sdhj.simulation.records import RecordedBounds
 
 
 def draw_records(ax: Axes, found: RecordedBounds, component: int = 0) -> None:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import number, whole
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import arguments, number, whole
+from sdhj.problem.arguments import arguments
 
 MOST_SIDES = 32
 
@@ -104,7 +105,7 @@ class Ball:
         """The `given` velocity, a function that takes v (2,), as a function that takes w (K,), with v = directions @ w.
 
         w are the K components along the sides. A velocity that does not take v is returned as it is. ValueError where
-        it takes other arguments than a velocity may (`checks.arguments`).
+        it takes other arguments than a velocity may (`arguments.arguments`).
         """
         axes = self.directions.tolist()
         return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
@@ -114,7 +115,7 @@ class Ball:
         2) of a and b.
 
         The bounds are an array (2,), or a function of the radius's arguments -> (M, 2). A velocity that does not take v
-        is returned as it is. ValueError where it takes other arguments than a velocity may (`checks.arguments`).
+        is returned as it is. ValueError where it takes other arguments than a velocity may (`arguments.arguments`).
         """
         velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
@@ -143,7 +144,7 @@ def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
 
     given : a user's velocity, a function of the state and of some of u, v and t. disturbance : a function of w that
     returns the list of the components of v. The result takes the arguments of `given`, with w where v stood. ValueError
-    where `given` takes other arguments than a velocity may (`checks.arguments`).
+    where `given` takes other arguments than a velocity may (`arguments.arguments`).
     """
     takes = arguments("velocity", given)
     if "v" not in takes:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import whole
+from sdhj.common.memory import available
 from sdhj.formulas.formula import Formula, compare
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS
-from sdhj.problem.memory import available
 from sdhj.problem.nodes import checked_values
 from sdhj.problem.sets import TargetSet, UnsafeSet
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import finite_array, read_only_view, whole
 from sdhj.formulas.derivative import linear
 from sdhj.formulas.formula import BlackBox, Ends, Formula, compare
 from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
@@ -19,8 +20,8 @@ from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.problem.arguments import KNOWN, arguments
 from sdhj.problem.ball import Ball
-from sdhj.problem.checks import KNOWN, arguments, finite_array, read_only_view, whole
 
 CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
 AT_ONCE = 1 << 20  # points and pieces whose velocities are bounded together
@@ -688,7 +689,7 @@ class VectorField(Remembering):
 def _arguments_taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
     """The arguments of a call of a function that takes some of points, u, t and v: those, in the function's order.
 
-    takes : their names, from `checks.arguments`.
+    takes : their names, from `arguments.arguments`.
     """
     known = {"points": points, "u": u, "t": t, "v": v}
     return [known[one] for one in takes]

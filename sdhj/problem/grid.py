@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import number, points_array, sequence, whole
+from sdhj.common.memory import require_memory
 from sdhj.formulas.arrays import Traced
 from sdhj.formulas.remembering import Remembering
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
-from sdhj.problem.checks import number, points_array, sequence, whole
 from sdhj.problem.ends import ENDS, Fate
-from sdhj.problem.memory import require_memory
 
 MOST_EXTENT = 1e300  # of an end of an axis: its length is a number, and so is what is moved past it
 MIN_NODES = 5  # the widest stencils use two nodes on each side

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.memory import require_memory
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.tubes import PATH
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require_memory
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sdhj.common.checks import number, option, points_array, whole
 from sdhj.formulas.formula import BlackBox, Formula
 from sdhj.formulas.graph import MOST_TABLES, Lookup
 from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray, Sealed, kept
-from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.consistency import (
     check_inputs,
     check_sensing,

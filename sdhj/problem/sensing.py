@@ -48,7 +48,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.problem.checks import number, whole
+from sdhj.common.checks import number, whole
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sdhj.common.checks import axis_numbers, number, option, pair, whole
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
-from sdhj.problem.checks import axis_numbers, number, option, pair, whole
 from sdhj.problem.grid import Grid
-from sdhj.problem.maps import map_distance
-from sdhj.problem.polygons import polygon_level_set
+from sdhj.problem.shapes.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
+from sdhj.problem.shapes.maps import map_distance
+from sdhj.problem.shapes.polygons import polygon_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 # factor inside sets of sampling="steep": in figures/studies/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
@@ -228,7 +228,7 @@ class UnsafeSet:
         -----
         Bodies and polygons are cut into convex parts. The value is the least signed distance between a part of one and
         a part of the other: its sign is right everywhere, and where the two do not meet it is the distance
-        (`sdhj.problem.bodies`).
+        (`sdhj.problem.shapes.bodies`).
 
         Examples
         --------

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import whole
+from sdhj.common.findings import Finding, tell
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import whole
-from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED

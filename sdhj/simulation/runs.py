@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.common.checks import finite_array, whole
+from sdhj.common.memory import require_memory
 from sdhj.kernels import FloatArray, Sealed, read_only
 from sdhj.kernels.compiling import announced, hidden
-from sdhj.problem.checks import finite_array, whole
-from sdhj.problem.memory import require_memory
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdhj.common.findings import Finding
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
-from sdhj.problem.findings import Finding
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.schemes import checked_travel

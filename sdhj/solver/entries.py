@@ -37,10 +37,10 @@ try:
 except ImportError:  # as on Windows
     fcntl = None  # type: ignore[assignment]
 
+from sdhj.common.memory import require_memory
 from sdhj.kernels import FloatArray
 from sdhj.kernels.union import EIGHT
 from sdhj.problem.describing import arrays_of
-from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import (
     ARRAYS,

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdhj.common.checks import Options
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import Maxima
-from sdhj.problem.checks import Options
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, ObstacleFunction, Pieces, in_eights

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
+from sdhj.common.checks import Options, option
+from sdhj.common.findings import Finding, tell
 from sdhj.problem.boxes import INTERPOLATIONS
-from sdhj.problem.checks import Options, option
-from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, HopfLaxGames

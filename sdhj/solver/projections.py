@@ -29,13 +29,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from sdhj.common.checks import Options
+from sdhj.common.findings import Finding, ProjectionWarning, tell
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import maximum_along
 from sdhj.kernels.union import PAST
 from sdhj.problem.boxes import Maxima, one_by_one
-from sdhj.problem.checks import Options
-from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples

@@ -16,12 +16,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sdhj.common.findings import tell
+from sdhj.common.memory import require_memory
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.union import AvoidRows, InPieces, add_inputs
 from sdhj.problem.boxes import Maxima, one_by_one
-from sdhj.problem.findings import tell
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import LARGEST

@@ -12,10 +12,10 @@ from itertools import permutations, product
 
 import numpy as np
 
+from sdhj.common.findings import Finding, tell
+from sdhj.common.memory import available
 from sdhj.kernels import FloatArray
-from sdhj.problem.findings import Finding, tell
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import available
 from sdhj.problem.nodes import neighbour, steepest
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples

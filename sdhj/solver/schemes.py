@@ -28,11 +28,11 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import Options, option
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, STENCIL_RADIUS, Layout, stage
 from sdhj.problem.boxes import most_on_padding, out_of_danger
-from sdhj.problem.checks import Options, option
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast_error
 

@@ -13,11 +13,11 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from sdhj.common.checks import points_array, read_only_view, real_array, states_array, whole
 from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, Sealed
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
-from sdhj.problem.checks import points_array, read_only_view, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, choose_by_true_sets, prepared

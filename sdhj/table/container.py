@@ -25,8 +25,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
+from sdhj.common.memory import require_memory
 from sdhj.kernels import FloatArray
-from sdhj.problem.memory import require_memory
 
 FORMAT = 6  # those before were HDF5 files
 FIRST_LINE = '{{"format": {}, "sha256": "{}",\n'  # of problem.json

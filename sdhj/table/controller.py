@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import finite_array, number, plain_array, read_only_view, real_array, states_array, whole
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import finite_array, number, plain_array, read_only_view, real_array, states_array, whole
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 from sdhj.table.beside import Fallback, Filtered, commands_of, fallbacks, predicted, squared_distances
 from sdhj.table.rules import RULES, Candidates, Rule

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.common.checks import option, real_array
+from sdhj.common.memory import require_memory
 from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import hidden
-from sdhj.problem.checks import option, real_array
-from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Table
 from sdhj.table.controller import Controller

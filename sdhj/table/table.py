@@ -16,6 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from sdhj.common.checks import axis_numbers, read_only_view
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.remembering import ReadOnly
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
@@ -23,7 +24,6 @@ from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
 from sdhj.kernels.true_sets import TUBES
 from sdhj.kernels.tubes import avoid_values, tube_values
-from sdhj.problem.checks import axis_numbers, read_only_view
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.uncertain import eroded_by_error, largest_in_error_box

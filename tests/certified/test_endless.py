@@ -10,7 +10,7 @@ from toys import interval_problem
 import sdhj
 from sdhj import Certified, Controller, UnsafeSet
 from sdhj.certified.table import CellSets
-from sdhj.problem.findings import UnsettledWarning
+from sdhj.common.findings import UnsettledWarning
 from sdhj.simulation.runs import FOREVER_PLAYED
 
 CELLS, FEW = Certified(cells=(200, 200)), Certified(cells=(80,))

@@ -14,7 +14,7 @@ import sdhj
 from sdhj.certified import sets
 from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.problem import memory as memory_module
+from sdhj.common import memory as memory_module
 
 CELLS = (12, 12, 16)
 

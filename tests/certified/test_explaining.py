@@ -9,7 +9,7 @@ from naive_certified import SMALL
 from robots import car
 
 import sdhj
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 
 POST, GOAL = (3.0, 0.4), (7.0, 1.1)
 

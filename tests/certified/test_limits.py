@@ -11,7 +11,7 @@ import sdhj
 from sdhj.certified.explaining import BEYOND, left_out, what_limits
 from sdhj.certified.limits import Limits
 from sdhj.certified.table import CellSets
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 
 SLOW, PUSH = 0.4, 0.2371  # m in an interval
 COMPASS = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]

@@ -160,7 +160,7 @@ def in_units(name, length, time=1.0):
     return Units(tuple(length * 2.0 ** (2 * axis) for axis in range(count)), time)
 
 
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.common.findings.ResolutionWarning")
 
 
 @pytest.mark.slow

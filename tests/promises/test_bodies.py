@@ -9,7 +9,7 @@ from parameters import but_slow
 
 import sdhj
 from sdhj import Body, UnsafeSet
-from sdhj.problem.bodies import body_level_set, covering_disks
+from sdhj.problem.shapes.bodies import body_level_set, covering_disks
 
 ROBOT = [[-0.3, -0.25], [0.9, -0.25], [0.9, 0.25], [-0.3, 0.25]]
 SHAPES = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.nodes import ON_BOUNDARY, closed
 from sdhj.solver.joint import Joint
 

@@ -10,7 +10,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.problem import memory
+from sdhj.common import memory
 
 
 def rooms(**given: Any) -> sdhj.ReachAvoidProblem:

@@ -696,8 +696,8 @@ def with_room(nbytes, act):
     """What `act` does where so little memory is free, and all of it is counted."""
     free = lambda: (nbytes, "are available")  # noqa: E731
     with (
-        mock.patch("sdhj.problem.memory.available", free),
-        mock.patch("sdhj.problem.memory.SPARE", 0),
+        mock.patch("sdhj.common.memory.available", free),
+        mock.patch("sdhj.common.memory.SPARE", 0),
         mock.patch("sdhj.certified.check.reading.free_memory", lambda: [nbytes]),
     ):
         return act()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 from sdhj.solver.joint import Joint
 
 SECONDS = sdhj.Certified(seconds=6)

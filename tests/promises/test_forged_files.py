@@ -17,7 +17,7 @@ from toys import torus_problem
 
 import sdhj
 from sdhj.cli import main
-from sdhj.problem import memory as memory_module
+from sdhj.common import memory as memory_module
 from sdhj.table import files
 from sdhj.table.files import read_head
 

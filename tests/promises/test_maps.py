@@ -28,7 +28,7 @@ from sdhj.certified import Certified
 from sdhj.certified.check import stated, verify
 from sdhj.formulas import graph
 from sdhj.formulas.graph import ordered
-from sdhj.problem.maps import BYTES_A_PIXEL, clearance
+from sdhj.problem.shapes.maps import BYTES_A_PIXEL, clearance
 
 GREY = {"free": 254, "occupied": 0, "unknown": 205}
 YAML = """image: map.pgm
@@ -472,7 +472,7 @@ def test_a_store_keeps_its_maps_as_arrays(tmp_path: Path) -> None:
 
 
 def test_memory_is_stated_before_it_is_taken(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (2**28, "are available"))
+    monkeypatch.setattr("sdhj.common.memory.available", lambda: (2**28, "are available"))
     said = r"a map of 4,000 x 3,000 pixels needs about 1\.56 GB, but only 0\.268 GB are available; scale it down"
     for source, side in ((np.broadcast_to(False, (3000, 4000)), 0.1), (written(b"P5\n4000 3000\n255\n"), None)):
         began = time.perf_counter()

@@ -8,9 +8,9 @@ import pytest
 import toys
 
 import sdhj
+from sdhj.common.findings import ResolutionWarning
 from sdhj.kernels import read_only
 from sdhj.problem import interval as interval_module
-from sdhj.problem.findings import ResolutionWarning
 from sdhj.table.table import AvoidTubes
 
 COURSES = np.pi / 4 * np.arange(8)

@@ -12,8 +12,8 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 import sdhj.simulation.played
 from sdhj import Controller, UnsafeSet
+from sdhj.common.findings import ProjectionWarning, ResolutionWarning
 from sdhj.kernels import read_only
-from sdhj.problem.findings import ProjectionWarning, ResolutionWarning
 from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
 from sdhj.solver.recursion import GridSets
 

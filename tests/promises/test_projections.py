@@ -12,7 +12,7 @@ from toys import ends_of
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
-from sdhj.problem.findings import ProjectionWarning
+from sdhj.common.findings import ProjectionWarning
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, Pieces
 from sdhj.solver.projections import ProjectedGames, checked_subspaces, default_subspaces
@@ -22,7 +22,7 @@ from sdhj.table.table import AvoidTubes
 MONOTONE = HopfLax("linear")  # leaves the order of sets alone
 ROUNDING = 1e-5  # sums of a few products of numbers below ten, in another order and single precision
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::sdhj.problem.findings.ProjectionWarning"
+    "ignore::sdhj.common.findings.ProjectionWarning"
 )  # each test says what it expects
 
 

@@ -315,7 +315,7 @@ def test_memory_and_disk_are_looked_at_first(problem, tmp_path, monkeypatch):
     stop_after(monkeypatch, 0, Stopped())
     with pytest.warns(UserWarning, match=r"takes up to .* GB, and 1e-06 GB are free"), pytest.raises(Stopped):
         sdhj.solve(problem, store=tmp_path / "t", progress=False)
-    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (10**8, "are available"))
+    monkeypatch.setattr("sdhj.common.memory.available", lambda: (10**8, "are available"))
     with pytest.raises(MemoryError, match=r"an entry of this solve needs about .* GB, but only 0\.1 GB are available"):
         sdhj.solve(problem, store=tmp_path / "u", progress=False)
     assert not (tmp_path / "u").exists()

@@ -7,7 +7,7 @@ import numpy as np
 
 import sdhj
 from course.exercises import exercise, expect, expect_close
-from sdhj.problem.findings import ResolutionWarning
+from sdhj.common.findings import ResolutionWarning
 from sdhj.simulation.runs import Z95
 
 

@@ -18,14 +18,14 @@ from tqdm import tqdm
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, prediction_error_along, velocity_bounds
 from sdhj.certified.images import Proof
+from sdhj.common.checks import whole
+from sdhj.common.memory import require_memory
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.arm.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.arm.links import Agent, joint_moves
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_rows, to_words
-from sdhj.problem.checks import whole
-from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.container import Contents
 from sdhj.table.files import read_array

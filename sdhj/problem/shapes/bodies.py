@@ -13,8 +13,8 @@ least one of the parts; a radius is subtracted.
 A corner c that turns by the angle a is along n by |n| |c| cos(a + phase), one cosine rather than two products, so that
 the bounds over an interval of headings are tight.
 
-A map is known by the signed distance at points (`sdhj.problem.maps`). There a footprint is covered by disks, each as
-deep in it as its radius less a tolerance: what they reach beyond it is at most that.
+A map is known by the signed distance at points (`sdhj.problem.shapes.maps`). There a footprint is covered by disks,
+each as deep in it as its radius less a tolerance: what they reach beyond it is at most that.
 """
 
 import math
@@ -27,9 +27,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdhj.common.checks import finite_array, number
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import finite_array, number
-from sdhj.problem.polygons import ROUNDING, box_without, convex_parts, outline, polygon_level_set
+from sdhj.problem.shapes.polygons import ROUNDING, box_without, convex_parts, outline, polygon_level_set
 
 Pose = Callable[[Any, Any], Sequence[Any]]  # (points, t) -> x, y and heading, each (M,) or a number
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # rows times it are a quarter turn to the left

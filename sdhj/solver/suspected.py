@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
+from sdhj.common.findings import Finding
 from sdhj.kernels import FloatArray
-from sdhj.problem.findings import Finding
 from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet

@@ -37,8 +37,8 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.checks import finite_array, number, whole
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
@@ -115,7 +115,7 @@ def bounds_from_records(
     better: Sequence[Any] | None = None,
     confidence: float = 0.95,
 ) -> RecordedBounds:
-    """Bounds of the disturbance, and the measurement error, from records of a robot: see `sdhj.problem.records`.
+    """Bounds of the disturbance, and the measurement error, from records of a robot: see `sdhj.simulation.records`.
 
     Parameters
     ----------

@@ -1,6 +1,5 @@
-"""Checks of the numbers, arrays and functions that users pass; errors say what was expected."""
+"""Checks of the numbers and arrays that users pass; errors say what was expected."""
 
-import inspect
 import reprlib
 from collections.abc import Sequence
 from dataclasses import fields
@@ -9,11 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.formulas.formula import BlackBox
-from sdhj.formulas.parameters import KNOWN_NAMES, STATE_NAMES, parameters_of
-
 DOUBLE = np.dtype(np.float64)
-KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
 
 
 class Options:
@@ -226,48 +221,3 @@ def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
     if not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
     return tuple(int(axis) for axis in given)
-
-
-def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which arguments a user's function takes, in its order: names from `KNOWN[name]`, the first of them always
-    "points".
-
-    name : "drift", "gain", "bounds" or "velocity". The first parameter is the state, whatever the function calls it;
-    the others are known by the names u, v and t. Of "bounds" alone the only parameter may be t: then the answer is
-    ("t",). Parameters with a default and another name are left out. A BlackBox is asked by its function.
-
-    ValueError if the function takes something else, cannot say what it takes, or is none, or if its first parameter has
-    the name of an input, disturbance or time.
-    """
-    known = KNOWN[name]
-    expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"
-    function = function.function if isinstance(function, BlackBox) else function
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):
-        raise ValueError(f"{expected}; this one does not say what it takes: wrap it in a lambda") from None
-    if name in ("drift", "gain") and "v" in list(signature.parameters)[1:]:
-        raise ValueError(
-            f"{name} does not take the disturbance v, got {signature}: give velocity=f(q, u, v), with bounds for v, in "
-            "place of drift and gain; or leave v out, and gain= and bounds= say how it moves the state"
-        )
-    places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
-    if (
-        name == "bounds"
-        and [p.name for p in places if p.name in KNOWN_NAMES or p.default is p.empty] == ["t"]
-        and not lost
-    ):
-        return ("t",)
-    places = parameters_of(name, function, signature, known[1:])
-    taken = [p.name for i, p in enumerate(places) if not i or p.name in known[1:] or p.default is p.empty]
-    fits = bool(taken) and not lost and taken == [p.name for p in places[: len(taken)]]
-    if (
-        not fits
-        or not set(taken[1:]) <= set(known[1:])
-        or (name == "bounds" and len(taken) == 1 and taken[0] not in STATE_NAMES)
-    ):
-        raise ValueError(f"{expected}; these are the names that are known, got {signature}")
-    return ("points", *taken[1:])
