@@ -23,8 +23,8 @@ def test_what_look_ups_read_is_there(name, rule, tmp_path, monkeypatch):
     make, method = CASES[name]
     solved = sdhj.solve(make(), method, progress=False, play=True)
     solved.save(tmp_path / "table.npz")
-    made, prepared = [], batches.prepared
-    monkeypatch.setattr(batches, "prepared", lambda *given: made.append(given[1]) or prepared(*given))
+    made, prepared = [], batches.tape_of_problem
+    monkeypatch.setattr(batches, "tape_of_problem", lambda *given: made.append(given[1]) or prepared(*given))
     for table in (solved, sdhj.load(tmp_path / "table.npz")):
         controller = sdhj.Controller(table, rule=rule)
         made.clear()
@@ -38,7 +38,7 @@ def test_what_a_solve_prepared_is_kept_with_its_details():
     table = sdhj.solve(interval_problem(), progress=False)
     told = table.with_details(dict(table.details) | {"more": 1})
     assert told.details["more"] == 1 and "more" not in table.details
-    assert "played" in table.details and table._packed and told._packed is table._packed
+    assert "played" in table.details and table._tape_of_step and told._tape_of_step is table._tape_of_step
 
 
 PROGRAM = """

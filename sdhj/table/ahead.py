@@ -17,18 +17,12 @@ from sdhj.problem.sets import TargetSet, UnsafeSet
 NO_TAPES = program(()) * 3
 
 
-def prepared(
+def tape_of_problem(
     problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
-    """All that compiled look-ups read of a problem at a step, packed into one `Tape` in the order that they read.
+    """All that compiled look-ups read of a problem at a step, from 0 to N, in the order in which kernels read it.
 
-    These are the grid and its ends, the axes of the avoid tubes, the instants at which the true sets are evaluated,
-    under which inputs each set is unsafe, and the formulas of sets and paths.
-
-    step : from 0 to N; at N the begin of an interval is the only instant.
-    axes : the axes of the static and of the moving avoid tubes, two int arrays.
-    tapes : what `tapes_of` returns for the problem, or `NO_TAPES` where a set is a black box.
-    checks : whether the true sets are evaluated; if not, there are no instants.
+    Their places are numbered in `sdhj.kernels.tubes`.
     """
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
@@ -36,8 +30,10 @@ def prepared(
         ends = interval.displacement_sets(np.array([grid.lower]))[:2, :, :, 0]
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
+    # at N the begin of an interval is the only instant
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
     faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.held])
+    # without checks there are no instants, and the true sets are not evaluated
     when, inputs = (times if checks else times[:0], faces, np.array([interval.begin])), np.arange(len(problem.inputs))
     under = [0 * inputs - 1 if part.inputs is None else part.counts(inputs) for part in problem.unsafe]
     some = np.array(under, dtype=np.int64) if conditional(problem) else np.zeros(0, np.int64)
@@ -50,10 +46,9 @@ def conditional(problem: ReachAvoidProblem) -> bool:
 
 
 def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
-    """Three programs on state and time, as arrays for compiled code: of the paths, the unsafe sets, the target.
+    """Three programs on state and time, for compiled code: the paths' ends, the unsafe sets, the target.
 
-    The first has the ends of the paths under all inputs, and is empty where there is no formula of these; the others
-    are empty where there are no such sets. The level-set functions must be formulas.
+    Each is empty where there is nothing, or no formula of the paths; the level-set functions must be formulas.
     """
     ahead, ndim = problem.interval(0).displacement_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
@@ -62,13 +57,9 @@ def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
 
 
 def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
-    """The level-set function of a set as a graph that reads the whole state, instead of the set's own axes.
-
-    time : the number of the coordinate that stands for t, behind those of the state.
-    """
+    """A set's level-set function as a graph on the whole state, with t as coordinate `time`, not on its own axes."""
 
     def put(one: Node) -> Node | None:
-        """What replaces a node of the set's graph: a coordinate of the state, the time, or None to keep the node."""
         return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
 
     return rebuilt(part.level_set.outputs, put)[0]
@@ -77,20 +68,12 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
 def choose_by_true_sets(
     table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int
 ) -> None:
-    """Check some rows (R,) of a batch by the true sets, in Python, for level-set functions of any kind.
+    """Check some rows (R,) of a batch by the true sets, in place, in Python: for functions of any kind.
 
-    It does what the compiled `sdhj.kernels.lookup.decide` does for formulas, and writes into the batch: `best` becomes
-    the input of least score that passes; inputs that fail are no longer `safe`; steps_to_go of a state in an unsafe set
-    becomes -1; and 0 becomes 1, or -1 at the last step, where the state is not in the true target.
-
-    table : the `Table` that has answered the batch.
-    rows : (R,) int, the states of the batch that are checked.
-    ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from these states, as `Interval.displacement_sets` returns
-        it.
-    scores : (M, L), the least first, for all states of the batch.
-    checks : `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, as `sdhj.table.batches.Table._fill_in_and_check` explains.
+    It must decide as the compiled `sdhj.kernels.lookup.decide` does for formulas; `scores` (M, L) and `checks` are
+    those of `Table._fill_in_and_check`.
     """
-    problem, (ints, floats) = table.problem, table.packed_at(batch.step)
+    problem, (ints, floats) = table.problem, table.tape_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points
     out = Answers(batch.steps_to_go, batch.safe, batch.margins, batch.best)

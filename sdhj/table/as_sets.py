@@ -14,20 +14,13 @@ ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time
 
 
 def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Callable[[FloatArray, float], FloatArray]:
-    """A level-set function (points (M, ndim), t) -> (M,): at the time t_k of a step the step's tube, interpolated.
-
-    At other times it is 1 everywhere: nothing is inside. If nothing depends on time, it is the one tube at any time.
-
-    values : the tubes at the nodes, each of grid.shape, of the steps 0 to N; one, if nothing depends on time. They are
-        copied.
-    """
-    tubes = [_tube(problem.grid, one) for one in values]
+    """A level-set function (points (M, ndim), t) -> (M,): the tube of the step whose time t is, interpolated."""
+    tubes = [_tube(problem.grid, one) for one in values]  # of the steps 0 to N; one if nothing depends on time
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The tube of the step at time t, s, interpolated at points (M, ndim); 1 at other times."""
         if problem.time_invariant:
             return tubes[0](points)
-        value = np.ones(len(points))
+        value = np.ones(len(points))  # between sampling times nothing is inside
         for step, tube in enumerate(tubes):
             value = np.where(np.abs(t - problem.time(step)) <= ON_TIME * problem.delta, tube(points), value)
         return value
@@ -36,18 +29,14 @@ def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Ca
 
 
 def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """The function of points (M, ndim) that interpolates values (*grid.shape), which are copied.
-
-    Off a bounded axis, by more than `SLACK` of a cell, it is max(1, the greatest of the values), which is outside.
-    """
-    beyond = max(float(values.max()), 1.0)
+    """The function of points (M, ndim) that interpolates values (*grid.shape), which are copied."""
+    beyond = max(float(values.max()), 1.0)  # outside: off a bounded axis by more than `SLACK` of a cell
     periodic, spacing = np.array(grid.periodic), np.array(grid.spacing)
     table = gridded(np.pad(values, [(0, int(turns)) for turns in periodic], mode="wrap"), grid.lower, spacing)
     bounded = np.flatnonzero(~periodic)
     least, greatest = (grid.lower - SLACK * spacing)[bounded], (grid.upper + SLACK * spacing)[bounded]
 
     def tube(points: FloatArray) -> FloatArray:
-        """The interpolated tube at points (M, ndim): (M,); max(1, greatest value) where they are off a bounded axis."""
         places = points[:, bounded]
         outside = ((places < least) | (places > greatest)).any(axis=1)
         return np.where(outside, beyond, table(points)) if bounded.size else table(points)

@@ -20,7 +20,7 @@ from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import NO_TAPES, choose_by_true_sets, prepared
+from sdhj.table.ahead import NO_TAPES, choose_by_true_sets, tape_of_problem
 from sdhj.table.as_sets import interpolated
 from sdhj.table.explaining import Explanation, explain_on_grid
 
@@ -81,11 +81,7 @@ class Batch(NamedTuple):
 
 
 def entry(steps: int, start: int, within: int) -> int:
-    """Position of (start, within) in a list of all entries, the rows k of Fig. 8 one after the other.
-
-    It is k (N + 1) - k (k - 1) / 2 + n, for N = steps, k = start from 0 to N and n = within from 0 to N - k; for int
-    arrays `start` or `within` it is an array. Nothing is checked: other pairs give the position of another entry.
-    """
+    """Position of (start, within), which are not checked, in a list of all entries: k (N + 1) - k (k - 1) / 2 + n."""
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
@@ -110,12 +106,6 @@ class Table(ReadOnly):
         Options of the method and statistics of the solve.
     index : (entries,) int array
         For each (start, within), in the order of `entry`, the position of its tube among the stored ones.
-    proved : bool
-        Whether the answers are proved, so that checking the true sets adds nothing.
-    player : callable, or None
-        Simulates runs for `played`.
-    origin : Origin, or None
-        The file that the arrays are mapped from (`sdhj.table.files`), as which the table is pickled.
     """
 
     problem: ReachAvoidProblem
@@ -124,7 +114,7 @@ class Table(ReadOnly):
     index: FloatArray
     proved: ClassVar[bool] = False  # whether the answers are proved, so that checking the true sets adds nothing
     player: Player | None = None  # by which runs are simulated; `sdhj.solving`, which knows one, hands it over
-    origin: Any = None
+    origin: Any = None  # the file that the arrays are mapped from (`sdhj.table.files.Origin`)
     _axes: Any = (np.zeros(0, np.int64),) * 2  # of the avoid tubes
     _tapes: Any = NO_TAPES
     _explain = explain_on_grid
@@ -150,7 +140,6 @@ class Table(ReadOnly):
         return self.problem.most_steps
 
     def __repr__(self) -> str:
-        """The problem and method, the tube's share of the volume, and how many simulated runs were lost."""
         problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
         lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
         if counts and counts.get("outside", counts["runs"]) < counts["runs"]:
@@ -203,20 +192,18 @@ class Table(ReadOnly):
         ----------
         q : (ndim,)
             The state, in the units of the grid's axes.
-        step : int
-            k, the step at which the robot is there, from 0 to N.
-        within : int, optional
-            n, the most steps that it may take; by default all that are left, N - step.
+        step, within : int
+            The tube, as in `contains`; `step` is its `start`.
 
         Returns
         -------
         Explanation
-            `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
-            or by how much it may end outside the tube with one step less to go. Of a certified table: how deep the
-            tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
-            not proved at these cells may be true all the same, and may be proved at others: causes and what helps were
-            tried on few nodes and few cells (`sdhj.certified.limits`), which are solved when a table is asked first:
-            in some tenths of a second to a few seconds; of a large table it may take longer than its solve.
+            For each input: the unsafe set, or the end of an axis, that the state may meet, and when; or by how much it
+            may end outside the tube with one step less to go. Of a certified table: how deep the tube of the state's
+            cell may be in it, or how many cells that it may lead to are not certified. What is not proved at these
+            cells may be true all the same, and may be proved at others: causes and what helps were tried on few nodes
+            and few cells (`sdhj.certified.limits`), which are solved when a table is asked first: in some tenths of a
+            second to a few seconds; of a large table it may take longer than its solve.
 
         Raises
         ------
@@ -237,26 +224,22 @@ class Table(ReadOnly):
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
         """The tube as a level-set function (points (M, ndim), t) -> (M,), for `TargetSet.from_table`.
 
-        At t_k it is the tube of step k with min(within, N - k) steps to go, interpolated; at other times it is 1,
-        nothing is inside. If nothing depends on time, it is the tube of step 0 at any time. within : None stands for N;
-        ValueError if it is none from 0 to N.
+        At t_k it is that of step k with min(within, N - k) to go, at other times 1; at any time that of step 0 if
+        nothing depends on time.
         """
         most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
         steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
         return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
-        """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start.
-
-        ValueError if start is no whole number from 0 to N, or within none from 0 on.
-        """
+        """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
         steps = self.steps
         start = whole("start", start, least=0, most=steps)
         left = steps - start
         return start, left if within is None else min(whole("within", within, least=0), left)
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """Position of the tube (start, within) among the stored ones; the pair is checked and clipped by `clipped`."""
+        """Position of the tube (start, within) among the stored ones."""
         return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
     def contains(self, points: FloatArray, *, start: int = 0, within: int | None = None) -> FloatArray:
@@ -268,10 +251,9 @@ class Table(ReadOnly):
             States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
             input of the step starts, one delay after the measurement, and True holds whatever has been measured; of a
             measurement ask `Controller.admissible`.
-        start : int
-            k, the step at which the robot is there, from 0 to N.
-        within : int, optional
-            n, the most steps that it may take. Default, and at most: all that are left, N - start.
+        start, within : int
+            k, the step at which the robot is there, from 0 to N; and n, the most steps that it may take, by default and
+            at most all that are left, N - start.
 
         Returns
         -------
@@ -302,17 +284,15 @@ class Table(ReadOnly):
         return found
 
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the state space that is in the tube (start, within), from 0 to 1; see `contains` for the two.
+        """Share of the state space that is in the tube (start, within), from 0 to 1.
 
         It is the share of the grid's volume, counted by nodes, or by cells for a certified table: states in the target
         whose cell is not in it as a whole, which `contains`, do not count.
 
         Parameters
         ----------
-        start : int
-            k, the step at which the robot is there, from 0 to N.
-        within : int, optional
-            n, the most steps that it may take; by default all that are left, N - start.
+        start, within : int
+            The tube, as in `contains`.
 
         Raises
         ------
@@ -332,11 +312,11 @@ class Table(ReadOnly):
     def change_over_cell(self) -> float:
         """By how much the value of the whole tube, (0, N), changes over a cell at its boundary; 0 if none is found.
 
-        On each axis i, whose nodes are h_i apart, the median of |dV/dx_i| h_i over those of `PROBES` random states (of
-        seed 0) that the boundary is within half a cell of, along that axis; of these the root of the sum of squares.
-        Computed once.
+        On each axis i the median of |dV/dx_i| h_i over random states near the boundary; of these the root of the sum of
+        squares.
         """
         grid, slopes = self.grid, list[float]()
+        # states within half a cell of the boundary, along an axis
         states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (PROBES, grid.ndim))
         for half in np.diag(grid.spacing) / 2:
             low, high = self.values_at(np.stack([states - half, states + half], 1), 0, np.full(PROBES, self.steps)).T
@@ -345,11 +325,7 @@ class Table(ReadOnly):
         return float(np.linalg.norm(slopes))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """To be implemented: whether points (M, ndim) are in the tube as it was computed, (M,) bool.
-
-        start and within have been clipped, and the points are finite or infinite, but no NaN. The true sets are not
-        looked at.
-        """
+        """To be implemented: whether points (M, ndim), no NaN, are in the tube as it was computed: (M,) bool."""
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
@@ -359,20 +335,18 @@ class Table(ReadOnly):
     # ---- states
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """Steps to go, safe inputs and margins of states (M, ndim) at step `step`, from 0 to N, computed on all cores.
+        """Steps to go, safe inputs and margins of many states at one step, computed on all cores.
 
         An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
         that make progress, with within = N - step all after which the target can still be reached. Without a target,
-        N - step is used. ValueError also where a state has a NaN or an infinity.
+        N - step is used.
 
         Parameters
         ----------
         states : (M, ndim) array
             In the units of the grid's axes.
-        step : int
-            The one step k at which they all are, from 0 to N.
-        within : int, optional
-            n: which inputs count as safe, as above; by default those that make progress.
+        step, within : int
+            The step k at which they all are, from 0 to N; and n, as above.
 
         Returns
         -------
@@ -395,17 +369,13 @@ class Table(ReadOnly):
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """As `Table.batch`, for states that have been checked: steps to go, safe inputs and margins.
+        """As `Table.batch`, for finite states, neither checked nor copied: nobody may write them later.
 
-        states : (M, ndim), finite, which is not checked. They are not copied, and must not be written later.
-        step : k; ValueError unless it is a whole number from 0 to N.
-        within : an input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go. Above
-        N - step, and without a target always, N - step is used.
-        scores : (M, L), or None for the margins. `best` is the safe input of least score that also passes the check
-        with the true sets, and of equals that of least margin.
+        `best` is the safe input of least score (M, L), by default of least margin, that the true sets pass.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
+        # without a target all inputs that stay clear for all that is left
         within = steps - step if problem.has_no_target else min(within, steps - step)
         count, shape = len(states), (len(states), len(problem.inputs))
         to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
@@ -417,15 +387,10 @@ class Table(ReadOnly):
         return batch
 
     def _fill_in_and_check(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows of a batch in place, and check them by the true sets; several threads call it at once.
+        """Fill in some rows (R,) of a batch in place, and check them by the true sets; called from several threads.
 
-        `best` becomes the safe input of least score that passes the check; inputs of less score, which fail it, are
-        removed from `safe`, and steps_to_go of a state in an unsafe set becomes -1.
-
-        scores : (M, L), for all states of the batch.
-        checks : `TRUE_SETS_TOO`: all fields are first computed from the tubes (`_fill_in_by_tubes`). `TRUE_SETS_ONLY`:
-            all fields have been filled in before.
-        rows : (R,) int; calls at the same time have different rows.
+        `best` becomes the safe input of least score (M, L) that passes, inputs of less score are no longer `safe`, and
+        steps_to_go of a state in an unsafe set becomes -1; with `TRUE_SETS_ONLY` the fields have been filled in before.
         """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).displacement_sets(batch.states[rows])
         if checks == TRUE_SETS_TOO:
@@ -434,49 +399,39 @@ class Table(ReadOnly):
 
     @cached_property
     def normals(self) -> FloatArray | None:
-        """Normals (K, ndim) of the planes between which inputs lead (`Interval.normals`); None if there are none.
-
-        None also for proved tables, whose inputs are not checked. Computed once.
-        """
+        """Normals (K, ndim) of the planes between which inputs lead; None if there are none, or nothing is checked."""
         normals = self.problem.interval(0).normals
         return normals if normals.size and not self.proved else None
 
-    def packed_at(self, step: int) -> Tape:
-        """The problem at a step as compiled look-ups read it, as `prepared` makes it; kept for later calls.
-
-        If nothing depends on time, one is made for the last step and one for all others. When those that are kept
-        exceed `MOST_KNOWN` bytes, all are forgotten before the next is made.
-        """
+    def tape_at(self, step: int) -> Tape:
+        """The problem at a step as compiled look-ups read it, made once for each step that differs from others."""
+        # if nothing depends on time, the last step has a tape, and all others share one
         place = self.steps * (step == self.steps) if self.problem.time_invariant else step
-        if (found := self._packed.get(place)) is None:
-            if sum(one.floats.nbytes for one in [*self._packed.values()]) > MOST_KNOWN:
-                self._packed.clear()
-            found = self._packed[place] = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
+        if (found := self._tape_of_step.get(place)) is None:
+            if sum(one.floats.nbytes for one in [*self._tape_of_step.values()]) > MOST_KNOWN:
+                self._tape_of_step.clear()
+            found = self._tape_of_step[place] = tape_of_problem(
+                self.problem, place, self._axes, self._tapes, not self.proved
+            )
         return found
 
     @cached_property
-    def _packed(self) -> dict[int, Tape]:
-        """The tapes that `packed_at` keeps, by the step; a dict that it writes."""
+    def _tape_of_step(self) -> dict[int, Tape]:
         return {}
 
     def _fill_in_by_tubes(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """To be implemented: fill in some rows (R,) of a batch in place from the tubes alone, without the true sets.
+        """To be implemented: fill in rows (R,) of a batch in place from the tubes alone, `best` by margin.
 
-        These are steps_to_go, safe, margins, and best, by margin. Without a target steps_to_go is
-        0 for states in the tube, else -1. Called from several threads at once, for different rows.
-
-        rows : (R,) int.
-        ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from the states of these rows, as
-            `sdhj.problem.interval.Interval.displacement_sets` returns it; an empty array for proved tables, which need
-            none.
+        `ends` (4 + K, L, ndim, 1 or R) is what inputs lead to (`Interval.displacement_sets`), empty for proved tables;
+        without a target steps_to_go is 0 in the tube, else -1; several threads call it for different rows.
         """
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L) that the true sets pass: (M,) int.
+        """For each state the safe input of least score (M, L) that the true sets pass: (M,) int; `batch` stays.
 
-        Of equals it is that of least margin; if no safe input passes, it is `Batch.best`; -1 for states that are not
-        admissible and at the last step. The batch, which must be one of this table's, is not changed.
+        Of equals it is that of least margin; if none passes, `Batch.best`; -1 for states that are not admissible and at
+        the last step.
         """
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
@@ -484,27 +439,16 @@ class Table(ReadOnly):
         return checked.best
 
     def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
-        """To be implemented by proved tables: which input each state of a batch gets by a built-in rule, (M,) int.
-
-        -1 for states that are not admissible and at the last step.
-
-        rule : a key of `sdhj.table.rules.RULES`.
-        """
+        """To be implemented by proved tables: the input by a rule of `RULES` for each state, -1 for none: (M,) int."""
         raise NotImplementedError
 
     def bounds_of_next_points(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The box in which a controller that remembers goes on, and how far from it the next prediction may be.
+        """The box in which a controller that remembers goes on, and how far off it the next prediction may be.
 
-        Returns the lower and the upper corner, (M, ndim) each: the ends of the undisturbed paths for the longest and
-        the shortest interval, by `STRIDES` Runge-Kutta steps, widened by `problem.error_growth` and clipped to the
-        grid; and 2 E, (ndim,) or (M, ndim): E of the prediction and E of the point, or E alone where the state is known
-        to be at a wall.
-
-        points : (M, ndim), those that the controller carried to the step.
-        inputs : (M,) int, indices of the inputs that it applied from there.
-        step : k, from 0 to N - 1; not checked.
+        Two corners (M, ndim), of the ends of undisturbed paths for the longest and the shortest interval, widened by
+        `problem.error_growth`; and 2 E, of prediction and point, or E where the state is known to be at a wall.
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still = np.zeros((len(points), problem.dynamics.disturbance_dim))
@@ -521,16 +465,10 @@ class Table(ReadOnly):
     def next_points(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: bool (M,).
+        """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: (M,) bool.
 
-        The points are the predictions, clipped to the box of `bounds_of_next_points` (*Memory* in
-        `sdhj.problem.sensing`). A controller cannot go on where a prediction is farther from the box than errors
-        explain; its point is then the prediction, with which it begins anew.
-
-        points : (M, ndim), those that the controller carried to the step.
-        inputs : (M,) int, indices of the inputs that it applied from there.
-        step : k, from 0 to N - 1; not checked.
-        seen : (M, ndim), the predictions of step k + 1, on any lap around a periodic axis.
+        They are the predictions `seen`, on any lap, clipped to the box (*Memory* in `sdhj.problem.sensing`); those that
+        errors do not explain begin anew.
         """
         low, high, off = self.bounds_of_next_points(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
@@ -542,16 +480,10 @@ class Table(ReadOnly):
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Check one input for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
+        """Whether one input for each state (M, ndim) passes the true sets, without interpolation: (M,) bool.
 
-        An input passes if the true unsafe sets are not met at the state, at instants of the undisturbed path and, at
-        the interval's end, at the corners of what it can lead to; and, where `left` is 0, if the target holds these
-        corners (point 6 of `notebooks/site/code.md`). What is past a safe end no longer matters. Proved tables pass
-        every input.
-
-        inputs : (M,) int, indices into problem.inputs.
-        step : k, at which the inputs start, from 0 to N - 1.
-        left : (M,) int, the steps to go after the interval, at least 0.
+        Point 6 of `notebooks/site/code.md` says where they are asked, the target where `left` (M,) is 0; proved
+        tables pass all.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
@@ -596,19 +528,16 @@ class Table(ReadOnly):
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         """Level-set values of tubes at V points for each of M states, as computed: (M, V) for points (M, V, ndim).
 
-        For the m-th state the tube is that of step `step` and within[m] steps, <= 0 inside.
-
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
-        `within` (M,) is clipped to the range from 0 to N - step.
 
         Parameters
         ----------
         points : (M, V, ndim) array
             In the units of the grid's axes.
         step : int
-            The step k, from 0 to N.
+            k, from 0 to N.
         within : (M,) int array
-            The steps to go of each row's tube.
+            The steps to go of each row's tube, clipped to the range from 0 to N - step.
 
         Raises
         ------
@@ -640,24 +569,11 @@ class Table(ReadOnly):
         raise NotImplementedError
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """To be implemented: the level-set function of the tube (start, within), <= 0 inside: array of grid.shape.
-
-        At the nodes of the grid, or for the cells of a certified table.
-
-        start : k, the step at which the robot is there, from 0 to N. within : n, the most steps that it may take; None,
-            or more, for all that are left, N - start. ValueError if one does not fit.
-        """
+        """To be implemented: the level-set function of a tube, <= 0 inside, at nodes or cells: array of grid.shape."""
         raise NotImplementedError
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """To be implemented: which inputs lead from each node, or cell, into the next tube: bool, grid.shape + (L,).
-
-        That is those that stay clear of the unsafe sets and lead into the tube with within - 1 steps to go; none if
-        `within` is 0.
-
-        start : k, the step at which the robot is there, from 0 to N. within : n, the most steps that it may take; None,
-            or more, for all that are left, N - start. ValueError if one does not fit.
-        """
+        """To be implemented: which inputs lead from each node, or cell, into the next tube: bool, grid.shape + (L,)."""
         raise NotImplementedError
 
     def save(self, path: str | os.PathLike[str], compress: bool = False) -> None:
@@ -673,11 +589,8 @@ def threads() -> int:
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
     """Call `work(rows)` for parts of the rows 0 to M - 1 of states (M, ndim), so that each row comes once.
 
-    Up to `CHUNK` states come in one call, in their order, in this thread; with M = 0 there is no call. More are sorted
-    by the cell of the grid that they are in, and `work` is called from several threads at once. An error in `work` is
-    raised here.
-
-    work : a function of rows (R,) int; what it returns is ignored.
+    More than `CHUNK` come sorted by cell, for the cache, from several threads at once; an error in `work` is raised
+    here.
     """
     if len(states) <= CHUNK:
         if len(states):
@@ -689,11 +602,8 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 
 
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
-    """An order (M,) int of states (M, ndim) in which those that read the same nodes are close together.
-
-    States are sorted by the number of the cell of the grid that they are in, or nearest to, equals in their order. On
-    large grids some successive cells count as one.
-    """
+    """An order (M,) int of states (M, ndim) in which those that read the same nodes are close together."""
+    # on large grids some successive cells count as one,
     # so that numbers fit into 16 bits, which are sorted ten times as fast
     lower, spacing, shape = grid.arrays[:3]
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)

@@ -36,22 +36,16 @@ class Fallback:
 
 
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The input whose avoid tube is deepest, for each of the states (M, ndim): three arrays (M,).
-
-    These are the indices of the inputs, for how many steps they are promised to stay clear (0 or 1), and the values of
-    their avoid tubes, as in `Fallback`. Inputs that fail the check against the true sets come last. Among equally deep
-    tubes, as where nothing is unsafe, the input of the least margin is chosen (`_margins`).
-
-    states : finite, which is not checked. step : k; ValueError unless it is a whole number from 0 to N - 1.
-    """
+    """`input`, `steps` and `hazard`, as in `Fallback`, of states (M, ndim), finite, which is not checked: (M,) each."""
     step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
     hazards = table._hazards(states, step)
+    # among equally deep tubes, as where nothing is unsafe, the least margin decides
     margins = np.zeros(hazards.shape)
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
     checked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
-    table._fill_in_and_check(checked, hazards, TRUE_SETS_ONLY, rows)
+    table._fill_in_and_check(checked, hazards, TRUE_SETS_ONLY, rows)  # what fails comes last
     chosen, hazard = checked.best, hazards[rows, checked.best]
     clear = (hazard <= 0.0) & checked.safe[rows, chosen] & ~table.grid.beyond(states, "fails", "holds")
     if table.proved or table.grid.has("frees"):  # not looked at, or not past such an end
@@ -60,11 +54,7 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """For states (M, ndim) and each input the largest value of the next step's tube, all steps left: (M, L).
-
-    It is looked for at the corners of the box that the input can lead to in the interval from `step`; between them it
-    may be larger.
-    """
+    """The largest value of the next step's tube, all steps left, at corners of where each input may lead: (M, L)."""
     sides = _sides(table.grid.ndim)
     ends = states[:, None, None] + table.problem.interval(step).reachable_points(states, sides)  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
@@ -73,9 +63,9 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
     return ahead.reshape(len(states), -1, len(sides)).max(axis=2)
 
 
-@cache
+@cache  # of an array that nobody writes
 def _sides(ndim: int) -> FloatArray:
-    """The corners of a box, (2^ndim, ndim): 0 or 1 for the lower or upper end of an axis. Cached, to be read only."""
+    """The corners of a box, (2^ndim, ndim): 0 or 1 for the lower or upper end of an axis."""
     return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 
@@ -110,17 +100,13 @@ class Filtered:
 
 
 def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
-    """Squared Euclidean distances (M, L) from commands (M, m) to inputs (L, m), added component by component."""
+    """Squared Euclidean distances (M, L) from commands (M, m) to inputs (L, m)."""
+    # component by component, in one order for any number of states
     return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 
 
 def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
-    """What was wanted, as commands (count, m), and as indices (count,) if indices were given, else None.
-
-    inputs : (L, m), the problem's.
-    given : what is wanted for each of `count` states: (count,) int, indices from 0 to L - 1, or (count, m) commands.
-        ValueError if it is neither, or is not finite.
-    """
+    """What is wanted for `count` states, as commands (count, m), and as indices (count,) if these were given."""
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")
@@ -142,13 +128,12 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
     """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,) int: (M, ndim).
 
-    Without a disturbance, and clipped to the grid at all ends, also without a delay. For a measurement that is off the
-    grid by more than its error it is the measurement itself. ValueError if a measurement is not finite.
+    A controller and the simulated robots share it.
     """
-    delay, grid = problem.sensing.delay, problem.grid.walled
+    delay, grid = problem.sensing.delay, problem.grid.walled  # all ends hold, also without a delay
     measured = states_array("a measurement", measured, grid.ndim)
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
-    off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
+    off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)  # by more than an error explains: kept
     if not delay:
         return np.where(off, measured, states)
     interval, parts = problem.interval(step).walled, 1 if problem.dynamics.constant else STRIDES

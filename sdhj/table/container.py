@@ -48,15 +48,12 @@ class Damaged(ValueError):
 
 
 class Stated(NamedTuple):
-    """An array as the head states it: dtype, shape, SHA-256 of its .npy file, and size and SHA-256 of what is packed.
-
-    packed : None where the array is not compressed.
-    """
+    """An array as the head states it: dtype, shape, SHA-256 of its .npy file; size and SHA-256 of what is packed."""
 
     kind: str
     shape: tuple[int, ...]
     sha256: str
-    packed: tuple[int, str] | None = None
+    packed: tuple[int, str] | None = None  # where the array is compressed
 
     @classmethod
     def of_json(cls, name: str, entry: Any) -> "Stated":
@@ -190,10 +187,7 @@ def head_text(head: Mapping[str, Any], stated: Mapping[str, Stated]) -> bytes:
 
 
 def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], compress: bool) -> None:
-    """Write head and arrays to a file that is open for writing.
-
-    compress : whether arrays are packed; not if they pack so closely that no reader would believe it (`MOST_RATIO`).
-    """
+    """Write head and arrays to an open file, packed if `compress` says so and readers will believe it (`believed`)."""
     pieces, stated, checks = dict[str, list[Any]](), dict[str, Stated](), dict[str, int]()
     for name in sorted(arrays):
         values: FloatArray = np.asarray(arrays[name], order="C")
@@ -234,9 +228,9 @@ def believed(stated: Mapping[str, Stated]) -> bool:
 
 
 def begin_array(folder: Path, name: str, kind: str, shape: Sequence[int]) -> None:
-    """Make the .npy file of an array in a folder; what is not written yet is 0, and takes no room where that is known.
+    """Make the .npy file of an array in a folder, or cut or extend the one that is there; its numbers stay.
 
-    An array that is there is cut, or extended, to the shape: its header is written anew, its numbers stay.
+    What is not written yet is 0, and takes no room where the system knows that.
     """
     path = folder / file_name(name)
     with open(path, "r+b" if path.exists() else "xb") as out:
@@ -259,22 +253,19 @@ def stated_in(folder: Path, shapes: Mapping[str, tuple[str, Sequence[int]]]) -> 
 
 
 class Contents:
-    """An open file or folder: its head, and its arrays, which are mapped, or unpacked when they are asked for.
-
-    head : what problem.json tells, without "arrays". stated : of each array. sha256 : of the head.
-    """
+    """An open file or folder: its head, and its arrays, which are mapped, or unpacked when they are asked for."""
 
     def __init__(self, path: Path) -> None:
-        """Open a regular file, or a folder, and compare all bytes but the arrays' with what would be written.
+        """Compare all bytes but the arrays' with what would be written: `Damaged` where they differ.
 
-        `Damaged` where they differ, ValueError and others where the head tells what no table's does; OSError if it
-        cannot be read, MemoryError if what is packed does not fit into memory.
+        Whatever else a head may tell that no table's does raises errors of many kinds, for `opened_table` to translate.
         """
         self.path, self.folder = path, path.is_dir()
         image = mapped(path / HEAD) if self.folder else mapped(path)
         begin, size = (0, len(image)) if self.folder else first_in(image)
         text = image[begin : begin + min(size, MOST_HEAD + 1)]
-        self.sha256, self.head = told(bytes(text))
+        # head : without the entry "arrays", which `stated` has; sha256 : of the head
+        self.sha256, self.head = digest_and_head(bytes(text))
         self.stated = {name: Stated.of_json(name, one) for name, one in sorted(self.head.pop("arrays").items())}
         if self.folder:  # where what was packed is not any more
             self.stated = {name: one._replace(packed=None) for name, one in self.stated.items()}
@@ -319,10 +310,7 @@ class Contents:
                 raise Damaged(f"its array {name} is not what was written")
 
     def array(self, name: str) -> FloatArray:
-        """The array of that name, read-only: mapped, or in memory where it is packed. KeyError where there is none.
-
-        `Damaged` or ValueError if it cannot be unpacked.
-        """
+        """The array of that name, read-only: mapped, or in memory where it is packed."""
         one, part = self.stated[name], self.parts[name]
         if one.packed:
             if sha256(part) != one.packed[1]:
@@ -345,7 +333,7 @@ def first_in(image: memoryview) -> tuple[int, int]:
     return begin, int.from_bytes(image[30 + len(HEAD) + 4 :][:8], "little")
 
 
-def told(text: bytes) -> tuple[str, dict[str, Any]]:
+def digest_and_head(text: bytes) -> tuple[str, dict[str, Any]]:
     """The SHA-256 and the content of a problem.json; `Damaged` if its bytes are not those of this format and digest."""
     first, _, rest = text.partition(b"\n")
     if len(text) > MOST_HEAD or first + b"\n" != FIRST_LINE.format(FORMAT, found := sha256(rest)).encode():

@@ -42,7 +42,7 @@ class NotAdmissible(ValueError):
 
 
 def _message_in_target(state: FloatArray, step: int) -> str:
-    """The message of an error about a state (ndim,) in the target that no input is proved to lead back into it."""
+    """The message of an error about a state in the target that no input is proved to lead back into it."""
     return (
         f"state {state.tolist()} is in the target at step {step}, and no input is proved to bring it back into the "
         "target one step later; the task is done, or use fallback()"
@@ -94,10 +94,12 @@ class Controller:
     Queries take a state q (ndim,), in the units of the grid's axes, and the step k at which the robot is there, from 0
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
-    also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on. Other
-    queries take only this point, or first predictions (`first=True`). Making a controller loads and prepares what its
-    answers need, so that the first one takes no longer than others.
+    also while a solve runs. Making a controller loads and prepares what its answers need, so that the first one takes
+    no longer than others.
+
+    With `Sensing`, states are predictions, made by `predict`; `step` does all that a control loop needs and, unless
+    memory=False, carries a point on. No other loop is promised anything then: other queries take only this point or,
+    with `first=True`, what is predicted of a loop's first measurement; ValueError for others.
 
     Parameters
     ----------
@@ -144,7 +146,6 @@ class Controller:
     remembered: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
-        """A controller that has answered nothing yet; ValueError if `table` is none, or the rule is unknown."""
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not (callable(rule) and not isinstance(rule, type)) and not (isinstance(rule, str) and rule in RULES):
@@ -157,11 +158,9 @@ class Controller:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Ask the table what a control loop asks, so that its first answer takes no longer than later ones.
-
-        Compiled code is loaded, and what look-ups read is made. A rule of the user is not asked.
-        """
+        """Ask the table what a control loop asks, so that its first answer takes no longer than later ones."""
         grid, rng, step = self.problem.grid, np.random.default_rng(0), 0
+        # compiled code is loaded, and what look-ups read is made; a rule of the user is not asked
         with suppress(Exception):  # what is wrong is said by the query that asks for it
             states = rng.uniform(grid.lower, grid.upper, (PREPARED, grid.ndim))
             values = self.table.values_at(states[:, None], step, np.full(PREPARED, self.table.steps))[:, 0]
@@ -169,7 +168,7 @@ class Controller:
             batch = self.table.answers(self.predict(some, step=step), step, 1)
             if isinstance(self.rule, str):
                 self.choose(batch)
-                self.checked(batch)
+                self.safe_by_true_sets(batch)
             if self.problem.sensing.remembers:
                 self.table.next_points(some, np.zeros(len(some), np.int64), step, some)
             for one in some:
@@ -184,12 +183,8 @@ class Controller:
 
         Parameters
         ----------
-        q : (ndim,) array
-            The state, in the units of the grid's axes.
-        step : int, optional
-            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
-        first : bool
-            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
+        q, step, first
+            As `Controller` explains.
 
         Returns
         -------
@@ -200,8 +195,7 @@ class Controller:
         Raises
         ------
         ValueError
-            If q or step does not fit, if a table for controllers that remember is asked about anything else than
-            a first prediction or the point that `step` carried on.
+            If an argument does not fit.
 
         Examples
         --------
@@ -221,12 +215,8 @@ class Controller:
 
         Parameters
         ----------
-        q : (ndim,) array
-            The state, in the units of the grid's axes.
-        step : int, optional
-            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
-        first : bool
-            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
+        q, step, first
+            As `Controller` explains.
 
         Returns
         -------
@@ -239,8 +229,7 @@ class Controller:
         NotAdmissible
             If no tube of this step contains q.
         ValueError
-            If q or step does not fit, if a table for controllers that remember is asked about anything else than
-            a first prediction or the point that `step` carried on.
+            If an argument does not fit.
 
         Examples
         --------
@@ -250,7 +239,7 @@ class Controller:
         array([[1.]])
         """
         self._require_carried(q, step, first)
-        return np.flatnonzero(self.checked(self._admissible(q, step))[0])
+        return np.flatnonzero(self.safe_by_true_sets(self._admissible(q, step))[0])
 
     def select(self, q: FloatArray, step: int | None = None, before: int | None = None, *, first: bool = False) -> int:
         """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
@@ -260,14 +249,10 @@ class Controller:
 
         Parameters
         ----------
-        q : (ndim,) array
-            The state, in the units of the grid's axes.
-        step : int, optional
-            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+        q, step, first
+            As `Controller` explains.
         before : int
             Index of the input held until now, which a rule may heed; -1 if there is none.
-        first : bool
-            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement.
 
         Returns
         -------
@@ -280,9 +265,8 @@ class Controller:
             If no tube of this step contains q; see `fallback`. For a certified table also in the target, where no input
             is proved to lead back into it.
         ValueError
-            If q or step does not fit, if a table for controllers that remember is asked about anything else than a
-            first prediction or the point that `step` carried on, at the last step N, after which nothing is left to do,
-            or if a rule of your own does not return a number for each safe input.
+            If an argument does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
+            does not return a number for each safe input.
 
         Examples
         --------
@@ -312,10 +296,8 @@ class Controller:
 
         Parameters
         ----------
-        q : (ndim,) array
-            The state, in the units of the grid's axes.
-        step : int, optional
-            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+        q, step
+            As `Controller` explains.
 
         Returns
         -------
@@ -346,22 +328,14 @@ class Controller:
         return 0 if step is None else step
 
     def _within(self, step: int) -> int:
-        """The `within` of `Table.batch` for queries of a step: 1; for a rule with `all_left` max(N - step, 1).
-
-        ValueError, for such a rule only, if step is no whole number from 0 to N.
-        """
+        """The `within` of `Table.batch` for queries of a step: 1; for a rule with `all_left` max(N - step, 1)."""
         if not self.all_left:
             return 1
         steps = self.table.steps
         return max(steps - whole("step", step, least=0, most=steps), 1)
 
     def _require_carried(self, q: FloatArray, step: int | None, first: bool) -> None:
-        """Raise ValueError where a table for a controller that remembers is asked about predictions by themselves.
-
-        It may be asked about first ones, and about the point that `step` has carried to its last answer.
-
-        q : (ndim,) or (M, ndim). first : whether the caller says that it is first ones.
-        """
+        """Raise ValueError where a table for controllers that remember is asked about predictions by themselves."""
         if first or not self.problem.sensing.remembers:
             return
         states, (point, at) = real_array("states", q), self.remembered or (None, None)
@@ -376,13 +350,7 @@ class Controller:
     def _query(
         self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None
     ) -> Batch:
-        """The answers for one state q (ndim,), a batch of M = 1; ValueError if q or step does not fit.
-
-        step : k; None where nothing depends on time.
-        within : inputs are safe that lead into the tube with max(steps_to_go, within) - 1 steps to go; None: by the
-            rule (`_within`).
-        scores : (1, L), the safe input of least score is `Batch.best`; None: by margin. `Table.answers` explains both.
-        """
+        """The answers for one state q (ndim,), a batch of M = 1; without `within`, inputs are safe by the rule."""
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
@@ -392,10 +360,7 @@ class Controller:
         return self.table.answers(state[None], step, self._within(step) if within is None else within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
-        """The answers for one state q (ndim,), a batch of M = 1; NotAdmissible, with the reason, if no tube has it.
-
-        ValueError if q or step does not fit.
-        """
+        """The answers for one state q (ndim,), a batch of M = 1; NotAdmissible, with the reason, if no tube has it."""
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
             raise NotAdmissible(self._explain(batch.states, batch.step))
@@ -439,8 +404,8 @@ class Controller:
         """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j. With memory=False that
-        is a loop as good as `step`; else it is promised nothing, as the table counts on what `step` carries on.
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j; it is as good with
+        memory=False alone.
 
         Parameters
         ----------
@@ -482,17 +447,13 @@ class Controller:
     def admissible(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> Any:
         """Whether a state measured at step k keeps the promise of all the remaining steps: what to ask before a run.
 
-        It is asked of the prediction (`predict`): `table.contains` speaks of the state
-        when the input of the step starts, where the robot has moved on by the delay under the previous input.
+        It is asked of the prediction: `table.contains` speaks of the state when the input of the step starts, where the
+        robot has moved on by the delay under the previous input.
 
         Parameters
         ----------
-        measurement : (ndim,) or (M, ndim) array
-            One measured state, or many, in the units of the grid's axes.
-        previous : int or (M,) int, optional
-            Index into problem.inputs of the input that acts until the one of this step does; by default `Sensing.rest`.
-        step : int, optional
-            k, from 0 to N; may be omitted if nothing depends on time.
+        measurement, previous, step
+            As for `predict`.
 
         Returns
         -------
@@ -534,7 +495,8 @@ class Controller:
         Returns
         -------
         Action
-            `input`, an index into problem.inputs, `promised`, whether the way to the target is, and `arrived`.
+            At the last step N no interval is left to hold an input over: the answer says whether the run has `arrived`,
+            and its input is `Sensing.rest`, of which nothing is promised.
 
         Raises
         ------
@@ -542,11 +504,6 @@ class Controller:
             With fallback=False, if no tube of the step contains the prediction.
         ValueError
             If measurement or time are invalid, if time does not increase from call to call, and after the last step.
-
-        Notes
-        -----
-        At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
-        (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
 
         Examples
         --------
@@ -586,17 +543,10 @@ class Controller:
         return self.last
 
     def _sampling_time(self, time: float) -> tuple[int, float, bool]:
-        """(k, late, missed): the nearest sampling time, how much later `time` is, s, and whether a deadline was missed.
-
-        A deadline was missed if |late| exceeds the jitter, or if the last answer of `step` in this loop was not for
-        k - 1. k = 0 begins a new loop. ValueError where k is not from 0 to N (or on, if nothing depends on time), or
-        has been answered in this loop.
-
-        time : s after the loop began.
-        """
+        """(k, late, missed): the nearest sampling time, how late `time` is, s, and whether a deadline was missed."""
         problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.depends_on_time else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
-        last = None if k == 0 else self.last
+        last = None if k == 0 else self.last  # k = 0 begins a new loop
         if last is not None and k <= last.step:
             raise ValueError(
                 f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
@@ -613,11 +563,8 @@ class Controller:
         Parameters
         ----------
         states : (M, ndim) array
-        step : int, optional
-            The one step k at which they all are; may be omitted if nothing depends on time.
-        first : bool
-            Of a table for controllers that remember (`Sensing.memory`): all states are predicted of first measurements
-            of loops.
+        step, first
+            As `Controller` explains, for all states.
 
         Returns
         -------
@@ -627,8 +574,7 @@ class Controller:
         Raises
         ------
         ValueError
-            If a state has a NaN or an infinity, if shape or step do not fit, or if a table for controllers that
-            remember is asked about anything else than first predictions or the point that `step` carried on.
+            If an argument does not fit, or a state has a NaN or an infinity.
 
         Examples
         --------
@@ -641,10 +587,7 @@ class Controller:
         return self.answers(states, step)
 
     def answers(self, states: FloatArray, step: int | None = None) -> Batch:
-        """What `batch` says of states (M, ndim) at a step, and refuses none: for loops that carry points on themselves.
-
-        ValueError as `batch` says.
-        """
+        """`batch` of states (M, ndim) that are refused for nothing: for loops that carry points on themselves."""
         step = self._at(step)
         return self.table.batch(states, step, self._within(step))
 
@@ -660,14 +603,11 @@ class Controller:
         ----------
         q : (ndim,) or (M, ndim) array
             One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
-        step : int, optional
-            The step k at which the robot is in q, from 0 to N - 1; may be omitted if nothing depends on time.
+        step, first
+            As `Controller` explains; from 0 to N - 1.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
-        first : bool
-            Of a table for controllers that remember (`Sensing.memory`): q is predicted of a loop's first measurement,
-            or of those of many.
 
         Returns
         -------
@@ -677,8 +617,7 @@ class Controller:
         Raises
         ------
         ValueError
-            At the last step, if an argument does not fit, or if a table for controllers that remember is asked about
-            anything else than first predictions or the point that `step` carried on.
+            If an argument does not fit, and at the last step.
 
         Examples
         --------
@@ -718,9 +657,7 @@ class Controller:
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
         """The answer of `filter` for one state q (ndim,) of a proved table, in half the time; or None.
 
-        None where no input is safe, or where `wanted` is not valid; `filter` then takes its general way.
-
-        step : k, from 0 to N - 1. wanted : an int from 0 to L - 1, or a command (m,), finite floats.
+        None where no input is safe, or where `wanted` is not valid: `filter` then takes its general way.
         """
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
@@ -757,11 +694,6 @@ class Controller:
         before : (M,) int, optional
             The inputs held until now, which a rule may heed; -1 where none is known, as by default.
 
-        Returns
-        -------
-        (M,) int
-            Indices into problem.inputs.
-
         Raises
         ------
         ValueError
@@ -786,10 +718,9 @@ class Controller:
         return self.table.preferred(batch, scores)
 
     def allowed(self, batch: Batch) -> FloatArray:
-        """Which of the safe inputs a rule with `all_left`, and the filter, may choose for each state: bool (M, L).
+        """Which safe inputs a rule with `all_left`, and the filter, may choose for each state of a batch: bool (M, L).
 
-        For a table on a grid those with margin <= -`SHIELDED` * `Table.change_over_cell` or, where no input has, those
-        of the least margin; for a certified table all that are safe: `batch.safe` itself.
+        On a grid those that keep `SHIELDED` cells or, where none does, of least margin; of a certified table all.
         """
         if self.table.proved:
             return batch.safe
@@ -798,12 +729,9 @@ class Controller:
             margins <= np.maximum(-SHIELDED * self.table.change_over_cell, margins.min(axis=1, keepdims=True))
         )
 
-    def checked(self, batch: Batch) -> FloatArray:
-        """Which inputs are safe for each state of a batch, by the tubes and by the true sets: bool (M, L), new.
-
-        `Batch.safe`, by contrast, has been checked with the true sets only for the inputs up to `Batch.best`.
-        """
-        rows, inputs = np.nonzero(batch.safe)
+    def safe_by_true_sets(self, batch: Batch) -> FloatArray:
+        """Which inputs are safe for each state of a batch, by the tubes and by the true sets: bool (M, L), new."""
+        rows, inputs = np.nonzero(batch.safe)  # which the true sets have passed only up to `Batch.best`
         safe = batch.safe.copy()
         safe[rows, inputs] = self.table.passes_true_sets(
             batch.states[rows], inputs, batch.step, batch.steps_after[rows]
@@ -811,10 +739,7 @@ class Controller:
         return safe
 
     def scores(self, candidates: Candidates) -> FloatArray:
-        """The rule's score for each of P candidates: (P,).
-
-        A function of the user is given read-only arrays. ValueError where its answer has another shape or a NaN.
-        """
+        """The rule's score for each of P candidates: (P,)."""
         if callable(self.rule):
             answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))
         else:

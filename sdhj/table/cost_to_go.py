@@ -34,24 +34,18 @@ LEAST_WEIGHT = 1e-3  # of the nodes in the tube around a state, for the cost to 
 
 
 def _free(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
-    """The end of a run costs nothing: zeros (M,) for states (M, ndim)."""
+    """The end of a run costs nothing: zeros (M,)."""
     return np.zeros(len(states))
 
 
 @dataclass(frozen=True)
 class _Cost:
-    """A cost along a run: the sum, or the maximum, of the costs of its intervals and of its end.
+    """A cost along a run: the sum, or the maximum, of the costs of its intervals and of its end."""
 
-    of : a function of P candidates that returns the cost of their intervals, (P,).
-    end : end(problem, states (M, ndim), t) returns the cost of a run that ends there at time t, (M,); by default 0.
-    join : np.add or np.maximum, by which costs are joined.
-    nothing : the cost of the rest of a run that is past a safe end, where nothing matters any longer.
-    """
-
-    of: Rule
-    end: Callable[[ReachAvoidProblem, FloatArray, float], FloatArray] = _free
+    of: Rule  # the costs of the intervals of P candidates
+    end: Callable[[ReachAvoidProblem, FloatArray, float], FloatArray] = _free  # of runs that end in states at a time
     join: np.ufunc = np.add
-    nothing: float = 0.0
+    nothing: float = 0.0  # the cost of what is left past a safe end, where nothing matters any longer
 
 
 def _effort(among: Candidates) -> FloatArray:
@@ -113,7 +107,7 @@ class CostToGo(ReadOnly):
     name : str
         The cost's name, as in errors.
     all_left : bool
-        True: a controller asks this rule of all inputs after which the target can still be reached by the last step.
+        True, as `Controller` explains.
 
     Raises
     ------
@@ -138,8 +132,8 @@ class CostToGo(ReadOnly):
     all_left = True
 
     def __init__(self, table: Table, cost: str | Rule, progress: bool | None = None) -> None:
-        """Compute J at all nodes, from the last step back; ValueError and MemoryError as the class says."""
-        judge = Controller(table, rule=self)
+        """Compute J at all nodes, from the last step back."""
+        controller = Controller(table, rule=self)
         if not callable(cost):
             option("cost", cost, tuple(COSTS))
         problem, grid = table.problem, table.problem.grid
@@ -159,36 +153,28 @@ class CostToGo(ReadOnly):
         for step in tqdm(range(table.steps, -1, -1), desc="cost to go", unit="step", disable=hidden(progress)):
             for begin in range(0, grid.size, size):
                 some = slice(begin, begin + size)
-                found = self._at(judge, points[some], step)
+                found = self._at(controller, points[some], step)
                 known = np.isfinite(found)
                 self._values[step, :, some] = np.where(known, found, 0.0), known
         read_only((self._values,))
 
-    def _at(self, judge: Controller, states: FloatArray, step: int) -> FloatArray:
-        """J of states (M, ndim) at a step: (M,), inf where they are not in the tube, or have no safe input.
-
-        J of the next step must be in `_values`.
-
-        judge : a controller with this rule, whose table answers, and by which inputs are scored.
-        """
-        problem, last = self.problem, step == judge.table.steps
-        batch = judge.answers(states, step)
+    def _at(self, controller: Controller, states: FloatArray, step: int) -> FloatArray:
+        """J of states (M, ndim) at a step, from J of the next: (M,), inf off the tube or where no input is safe."""
+        problem, last = self.problem, step == controller.table.steps
+        batch = controller.answers(states, step)
         out = np.full(len(states), np.inf)
         over = batch.steps_to_go == 0 if not problem.has_no_target else (batch.steps_to_go >= 0) & last
         out[over] = self._cost.end(problem, states[over], problem.time(step))
-        rows, inputs = np.nonzero(judge.allowed(batch) & ~over[:, None])
+        rows, inputs = np.nonzero(controller.allowed(batch) & ~over[:, None])
         if rows.size:
             asked = Candidates(problem, batch, rows, inputs, np.full(len(rows), NOT_ADMISSIBLE))
-            np.minimum.at(out, rows, judge.scores(asked))
+            np.minimum.at(out, rows, controller.scores(asked))
         return out
 
     def __call__(self, candidates: Candidates) -> FloatArray:
         """The scores of P candidates, c_k(q, u) + J_{k+1}(q'), or the larger of the two: (P,).
 
-        inf where less than `LEAST_WEIGHT` of the nodes around q', by weight, are in the tube. Past a safe end J is
-        `_Cost.nothing`. An array of another shape from a function of the user is returned as it is, for
-        `Controller.scores` to refuse. ValueError for candidates of another problem, and where costs that are added up
-        have a NaN or -inf.
+        It is inf where less than `LEAST_WEIGHT` of the nodes around q', by weight, are in the tube.
         """
         if candidates.problem != self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
@@ -206,5 +192,4 @@ class CostToGo(ReadOnly):
         return np.asarray(joined)
 
     def __repr__(self) -> str:
-        """The class and the name of the cost, as it appears in errors."""
         return f"<CostToGo, {self.name}>"

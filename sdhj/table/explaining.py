@@ -66,7 +66,6 @@ class Explanation:
     causes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Lines of text: what is true of the state, `SHOWN` failures, what keeps it out, and what may help."""
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
@@ -83,12 +82,9 @@ def tube_in_words(table: Any, step: int, within: int) -> str:
 
 
 def why_refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
-    """A sentence if a state is off the grid, in an unsafe set or, with within = 0, outside the target; else "".
+    """A sentence if a state (1, ndim) is off the grid, in an unsafe set or, with within = 0, outside the target; or "".
 
-    By the level-set functions themselves, at the time of the step, without the tubes. Sets that are unsafe under some
-    inputs only are left out.
-
-    state : (1, ndim), finite. step, within : k from 0 to N and n from 0 on; not checked.
+    By the level-set functions alone; sets that are unsafe under some inputs only are left out.
     """
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
@@ -102,15 +98,7 @@ def why_refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 
 
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
-
-    By the true sets first: of a state that these exclude (`why_refuted`) no inputs are explained. Then by the
-    interpolated values of that tube, of the next one and of the avoid tubes. With within = 0, and at step N, `failures`
-    is empty.
-
-    step : k, from 0 to N. within : n; None, or a number above N - step, for N - step. ValueError if q, step or within
-        does not fit.
-    """
+    """`Table.explain` of a table on a grid: by the true sets and, where these do not refuse the state, by the tubes."""
     step, within = table.clipped(whole("step", step, least=0, most=table.steps), within)
     state = finite_array("a state", q, (table.grid.ndim,))[None]
     if says := why_refuted(table, state, step, within):
@@ -122,7 +110,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
         says = f"Not in the tube {entry}: its level there is {value:.3g} > 0."
         if value <= 0:
             says = f"Not in the tube {entry}: not all states that the measurement may stand for are."
-    if within == 0 or step == table.steps:
+    if within == 0 or step == table.steps:  # no interval is left, over which an input could fail
         return Explanation(inside, says)
     interval, ndim = table.problem.interval(step), table.grid.ndim
     corners, middles = (np.array(list(product(sides, repeat=ndim))) for sides in ((0.0, 1.0), (0.0, 0.5, 1.0)))
@@ -143,12 +131,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
 
 
 def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
-    """For each input the largest value of the next tube, with `left` steps to go, where the input may lead: (L,).
-
-    state : (1, ndim), at `step`.
-    ends : (L, P, ndim), P points to which each input may lead in the interval, relative to the state; they are clipped
-        to the grid.
-    """
+    """For each input the largest value of the next tube at P points, relative to the state, where it may lead: (L,)."""
     points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
 
@@ -159,18 +142,11 @@ def _failure(
     j: int,
     step: int,
     left: int,
-    hazard: float,
-    margin: float,
+    hazard: float,  # of the avoid tube
+    margin: float,  # of the next tube
     ends: FloatArray,
 ) -> Failure:
-    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked; in this order.
-
-    state : (1, ndim), at `step`.
-    left : the steps to go after the interval.
-    hazard : the value of the input's avoid tube there.
-    margin : the largest value of the next tube.
-    ends : (P, ndim), corners of what the input may lead to, relative to the state.
-    """
+    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked; in this order."""
     if hazard > 0:
         name, when = _nearest(table, state, j, ends, step)
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
@@ -184,13 +160,9 @@ def _failure(
 
 
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
-    """The name of the unsafe set, or of the unsafe end of an axis, that input j comes nearest to, and when, in s.
+    """The unsafe set, or the unsafe end of an axis, that input j comes nearest to, by name, and when, s.
 
-    Nearest is the least level-set value of a set that is unsafe under j, or distance to an end, on the straight lines
-    from the state to its `ends`, at `INSTANTS_TRIED` instants of the interval from `step`. The time is counted from the
-    begin of the interval.
-
-    state : (1, ndim). ends : (P, ndim), points to which the input may lead, relative to the state.
+    Nearest is the least level-set value, or distance to an end, on straight lines from the state to `ends` (P, ndim).
     """
     problem, grid = table.problem, table.grid
     best = np.inf, "the unsafe ends of the grid", 0.0

@@ -55,10 +55,8 @@ def replaced_whole(path: Named) -> Iterator[Path]:
     """A context with a temporary path, whose file replaces that of `path` at the end unless there is an error.
 
     No incomplete file is ever visible, not even after a crash: the file is flushed to the disk before it is renamed.
-    The suffix, by which writers choose formats, is kept. OSError, with what to do, if nothing can be written there;
-    ValueError if `path` is no name.
     """
-    path = _regular(path)
+    path = _regular_path(path)
     with _temporary(path) as temporary:
         try:
             yield temporary
@@ -79,11 +77,8 @@ def replaced_whole(path: Named) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """A context with the path of an empty new file beside `path`, which is deleted at the end if still there.
-
-    Its name is hidden, with the suffix of `path`, and it is in `TEMPORARIES` meanwhile. OSError, with what to do, if it
-    cannot be made.
-    """
+    """A context with the path of an empty new file beside `path`, which is deleted at the end if still there."""
+    # hidden, and with the suffix of `path`, by which writers choose formats
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     TEMPORARIES.add(temporary)
     try:
@@ -99,20 +94,14 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: Named) -> Path:
-    """The path of a file, links followed, after trying that a file can be written in its folder, which must exist.
-
-    OSError, with what to do, if not; ValueError if `path` is no name. Nothing is left in the folder by trying.
-    """
-    path = _regular(path)
+    """The path of a file, links followed, after trying that a file can be written in its folder."""
+    path = _regular_path(path)
     require_writable(path.parent, path.name)
     return path
 
 
-def _regular(path: Named) -> Path:
-    """The path that a name refers to, links followed: of a regular file, or of nothing yet.
-
-    ValueError if `path` is no name, OSError if it is that of a folder, a device or a pipe, or cannot be a name.
-    """
+def _regular_path(path: Named) -> Path:
+    """The path of a regular file, or of nothing yet, that a name refers to, links followed; else OSError."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
@@ -131,18 +120,13 @@ def _regular(path: Named) -> Path:
 
 
 def require_writable(folder: Path, name: str = "probe") -> None:
-    """Raise OSError, with a message that says what to do, if a file cannot be written in a folder.
-
-    An empty file with a hidden name is made there and deleted.
-
-    name : of the file that is to be written; the one that is tried has the same suffix.
-    """
+    """Raise OSError, with a message that says what to do, if a file cannot be written in a folder."""
     with _temporary(folder / name):
         pass
 
 
 def unwritable_error(folder: Path, error: OSError) -> OSError:
-    """An OSError, which the caller raises, that says that a folder cannot be written, why, and what to do."""
+    """An OSError, for the caller to raise, that says that a folder cannot be written, why, and what to do."""
     why = error.strerror or error
     return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
 
@@ -151,12 +135,7 @@ def unwritable_error(folder: Path, error: OSError) -> OSError:
 
 
 def write_table(path: Named, table: Table, arrays: Mapping[str, FloatArray], compress: bool, **head: Any) -> None:
-    """Write a table with these arrays, and those of its problem, to a file, in place of an older one.
-
-    head : further entries of the file's head, plain values (JSON). compress : whether arrays are packed.
-
-    OSError if the file cannot be written; ValueError if the head is too long or `compress` is no bool.
-    """
+    """Write a table with these arrays, those of its problem, and `head` besides, in place of an older file."""
     if not isinstance(compress, bool):
         raise ValueError(f"compress must be True or False, got {reprlib.repr(compress)}")
     about = make_head(table.problem, table.method, table.details, table.problem.digest)
@@ -172,8 +151,7 @@ def write_table(path: Named, table: Table, arrays: Mapping[str, FloatArray], com
 def finish_folder(folder: Path, head: Mapping[str, Any], shapes: Mapping[str, tuple[str, tuple[int, ...]]]) -> None:
     """Make a folder of arrays, which `container.begin_array` began, a table: it gets its problem.json, last of all.
 
-    shapes : of each array dtype and shape, which may be shorter than it was begun: its file is cut. head : as
-    `make_head` returns it, and what the table's class adds. OSError if it cannot be written.
+    `shapes` of arrays may be shorter than begun: their files are cut.
     """
     text = head_text(head, stated_in(folder, shapes))
     with replaced_whole(folder / HEAD) as temporary:
@@ -181,12 +159,7 @@ def finish_folder(folder: Path, head: Mapping[str, Any], shapes: Mapping[str, tu
 
 
 def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """The head of a table's file, for JSON: all that the file says besides its arrays.
-
-    "sdhj_version", "convention", "digest", "recipe", "method", "details", and what `described` says of the problem.
-
-    details : of the method, as JSON can hold them. digest : of the problem, `problem.digest`, which takes time.
-    """
+    """The head of a table's file, for JSON: all that the file says besides its arrays."""
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -198,23 +171,13 @@ def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any
 
 
 def read_head(path: Named) -> dict[str, Any]:
-    """The head of a table's file, as `checked_head` returns it.
-
-    The errors are those of `sdhj.load`: OSError, TableFileError, MemoryError, and ValueError if `path` is no name.
-    """
+    """The head of a table's file, as `checked_head` returns it; the errors are those of `sdhj.load`."""
     with opened_table(path) as (head, _):
         return head
 
 
 def read_array(file: Contents, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
-    """An array of a file, mapped or unpacked, read-only, after checking that there is one, its dtype and its shape.
-
-    kinds : the names of the allowed dtypes in one string, separated by spaces.
-    shape : for each axis the length, or a set of allowed lengths; None allows any shape.
-    most : how many bytes the array may have; None: any number.
-
-    ValueError if the array does not fit. MemoryError if it is packed and does not fit into memory.
-    """
+    """An array of a file, read-only, if it has one of the dtypes `kinds`, this shape, and at most `most` bytes."""
     one = file.stated.get(name)
     if one is None:
         raise ValueError(f"it contains no array {name}")
@@ -235,17 +198,14 @@ def fits(found: tuple[int, ...], shape: Lengths) -> bool:
 def opened_table(path: Named, check: bool | None = None) -> Iterator[tuple[dict[str, Any], Contents]]:
     """A context with the head of a table's file or folder, as `checked_head` returns it, and its arrays.
 
-    check : whether the arrays' digests are read first; None: those of less than `CHECKED` bytes.
-
-    FileNotFoundError or OSError if it cannot be read, MemoryError if its arrays do not fit; whatever else goes wrong,
-    also inside the context, becomes a TableFileError.
+    Whatever goes wrong, also inside the context, becomes one of the errors that `sdhj.load` promises.
     """
-    path = _named(path)
+    path = _table_path(path)
     if not isinstance(check, bool | None):
         raise ValueError(f"check must be True, False or None, got {reprlib.repr(check)}")
     try:
         file = Contents(path)
-        if check or (check is None and file.nbytes < CHECKED):
+        if check or (check is None and file.nbytes < CHECKED):  # the arrays' digests
             file.check()
         yield checked_head(file.head), file
     except TableFileError:
@@ -264,10 +224,10 @@ def opened_table(path: Named, check: bool | None = None) -> Iterator[tuple[dict[
         ) from error
 
 
-def _named(path: Named) -> Path:
-    """The path of a file or a folder that a name refers to, links followed; errors as from `_regular`."""
+def _table_path(path: Named) -> Path:
+    """The path of a file or a folder that a name refers to, links followed."""
     try:
-        return _regular(path)
+        return _regular_path(path)
     except IsADirectoryError:
         return Path(os.path.realpath(path))
 
@@ -289,22 +249,17 @@ def _no_table(path: Path) -> str:
 
 
 def require_entries(head: Mapping[str, Any], file: Contents) -> None:
-    """Check that the index of a file has as many entries as its steps take, before anything is made for so many.
-
-    head : as `checked_head` returns it. ValueError if it has not.
-    """
+    """Check that the index of a file has as many entries as its steps take, before anything is made for so many."""
     shape, steps = (file.stated["index"].shape if "index" in file.stated else ()) or (0,), head["steps"]
     if shape[0] not in (allowed := {1, steps + 1, entry(steps, steps, 0) + 1}):
         raise ValueError(f"its array index must have {' or '.join(map(str, sorted(allowed)))} entries, got {shape[0]}")
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """A copy of the head of a file, given as JSON gives it, with its values checked and converted.
+    """A copy of the head of a file with its values checked and converted: `Grid`, `Sensing`, inputs (L, m).
 
-    "grid" becomes a Grid, "sensing" a Sensing, "inputs" an array (L, m). "recipe" is a dict, empty unless a case study
-    built the problem. "told" is added: the head's own entries on the problem, unconverted, of which "digest" is the
-    digest. If the head is invalid, one of various errors is raised (KeyError, TypeError, ValueError, ...), which
-    `opened_table` turns into TableFileError.
+    A head that is none raises errors of many kinds, which `opened_table` translates; "told" are its own entries, of
+    which the digest is.
     """
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
@@ -326,11 +281,7 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 
 def arrays_in(file: Contents) -> dict[str, FloatArray]:
-    """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0".
-
-    ValueError if an array is not float64, or if those of formulas, or of black boxes, take more than `MOST_TABLES`
-    bytes.
-    """
+    """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0"."""
     found: dict[str, FloatArray] = {}
     for group in ("tables/", "opaque/"):
         left = MOST_TABLES
@@ -345,14 +296,8 @@ def problem_of_file(
 ) -> ReachAvoidProblem:
     """The problem that the head and the arrays of a file describe; or `problem`, if it is given and is the same.
 
-    The file itself is not opened: `path` is only for messages. The head must have been checked (`checked_head`).
-
-    arrays : what the file's formulas look up, and values of black boxes, by name, as `arrays_in` returns them.
-    problem : None, or the problem that the file should be of. If it has steps=None, and the file is of such a solve, it
-        is returned with the number of steps of the file.
-
-    TableFileError if `problem` is another one, if it is None and the file has black boxes or cannot be read, or if the
-    digest in the head is not that of what the head and the arrays describe.
+    `TableFileError` if it is another, or if the digest in the head is not that of what is described; `path` is only for
+    messages.
     """
     if head["digest"] != (found := digest_of(head["told"], arrays)):
         raise TableFileError(
@@ -381,7 +326,6 @@ class Origin:
     """The file or folder that a table's arrays are mapped from: as which the table is pickled, while it is there."""
 
     def __init__(self, path: Path, sha256: str) -> None:
-        """Keep the path and the SHA-256 of the head."""
         self.path, self.sha256 = Path(os.path.abspath(path)), sha256
 
     def reduced(self, table: Any) -> Any:
@@ -397,10 +341,7 @@ class Origin:
 def table_in(
     kind: Any, path: Named, head: dict[str, Any], file: Contents, problem: ReachAvoidProblem | None, player: Any
 ) -> Any:
-    """The table of a class in an open file: its `read` makes it; errors as from `sdhj.load`.
-
-    player : simulates runs for `Table.played`.
-    """
+    """The table of a class in an open file: its `read` makes it; errors as from `sdhj.load`."""
     require_entries(head, file)
     packed = any(one.packed for one in file.stated.values())
     fields = {"player": player, "mapped_from": None if packed else Origin(file.path, file.sha256)}

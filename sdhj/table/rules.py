@@ -68,11 +68,8 @@ class Candidates:
 
     @property
     def margins(self) -> FloatArray:
-        """The largest value of the next tube that the adversary can bring about, for each pair: (P,), new.
-
-        Of the safe inputs in order, so the candidates must be all of the batch's safe inputs.
-        """
-        return self.batch.margins[self.batch.safe]
+        """The largest value of the next tube that the adversary can bring about, for each pair: (P,), new."""
+        return self.batch.margins[self.batch.safe]  # so the candidates must be all of the safe inputs, in order
 
     @property
     def successors(self) -> FloatArray:

@@ -37,16 +37,15 @@ from sdhj.table.files import read_array, write_table
 class AvoidTubes(ReadOnly):
     """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
 
-    The arrays are made read-only. A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there.
+    A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there. The arrays become read-only.
 
     Attributes
     ----------
-    static_axes : tuple of int
-        The axes of the grid on which the tubes that are the same at all steps depend, ascending; () if there are none.
+    static_axes, moving_axes : tuple of int
+        The axes of the grid on which the tubes that are the same at all steps, and those that differ, depend,
+        ascending.
     static : (L, *subgrid of static_axes)
         -inf where there is no such unsafe set: safe everywhere.
-    moving_axes : tuple of int
-        The same for those that differ from step to step.
     moving : (steps, L, *subgrid of moving_axes)
     """
 
@@ -56,7 +55,6 @@ class AvoidTubes(ReadOnly):
     moving: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the two arrays read-only, in place."""
         read_only((self.static, self.moving))
 
 
@@ -110,7 +108,6 @@ class LookupTable(Table):
     mapped_from: InitVar[Any] = None  # `origin`; nothing of what `dataclasses.replace` makes of it
 
     def __post_init__(self, mapped_from: Any) -> None:
-        """Make `details` a read-only copy, and keep `mapped_from` as `origin`."""
         object.__setattr__(self, "details", Sealed(self.details))
         object.__setattr__(self, "origin", mapped_from)
 
@@ -129,10 +126,8 @@ class LookupTable(Table):
 
         Parameters
         ----------
-        start : int
-            k, the step at which the robot is there, from 0 to N.
-        within : int, optional
-            n, the most steps that it may take; by default all that are left, N - start.
+        start, within : int
+            The tube, as in `contains`.
 
         Returns
         -------
@@ -163,10 +158,8 @@ class LookupTable(Table):
 
         Parameters
         ----------
-        start : int
-            k, the step at which the robot is there, from 0 to N.
-        within : int, optional
-            n, the most steps that it may take; by default all that are left, N - start.
+        start, within : int
+            The tube, as in `contains`.
 
         Raises
         ------
@@ -202,21 +195,20 @@ class LookupTable(Table):
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         """The avoid tubes of a step, interpolated at states (M, ndim): (M, L), a new array."""
         out = np.empty((len(states), len(self.problem.inputs)))
-        avoid_values(states, step, *self.packed_at(step), *self._stored[3:], out)
+        avoid_values(states, step, *self.tape_at(step), *self._stored[3:], out)
         return out
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         """The values of tubes interpolated at points (M, V, ndim): (M, V); row m is of the tube (step, within[m])."""
         out = np.empty(points.shape[:2])
         places = self.index[entry(self.steps, step, 0) + within]
-        tube_values(points, places, self._stored[1], *self.packed_at(step), out)
+        tube_values(points, places, self._stored[1], *self.tape_at(step), out)
         return out
 
     def _fill_in_and_check(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """As `Table._fill_in_and_check`: fill in some rows of a batch, and check them by the true sets.
+        """As `Table._fill_in_and_check`, by compiled code where all level-set functions are formulas.
 
-        By compiled code where all level-set functions are formulas; in Python where one is a black box, or where a
-        formula was undefined, which there raises an error that says so.
+        Where one is undefined Python runs, too, whose error says so.
         """
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._all_formulas:
@@ -227,37 +219,31 @@ class LookupTable(Table):
             super()._fill_in_and_check(batch, scores, checks, rows)
 
     def _fill_in_by_tubes(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch in place by interpolation and marks, without the true sets.
-
-        ends : (4 + K, L, ndim, 1 or R), what inputs lead to from these rows (`Interval.displacement_sets`).
-        """
+        """Fill in rows (R,) of a batch in place by interpolation and marks, without the true sets."""
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Fill in some rows (R,) of a batch in place by the compiled `sdhj.kernels.lookup.decide`.
+        """Whether the compiled `decide` has filled in rows of a batch in place, as `_fill_in_and_check` explains.
 
         False if a formula was undefined at one of the states; what is in the rows is then undefined.
-
-        The arguments are those of `sdhj.table.batches.Table._fill_in_and_check`, and ends (4 + K, L, ndim, 1 or R),
-        what the inputs lead to from these rows, as `Interval.displacement_sets` returns it.
         """
         asked, leads = (batch.states, rows, batch.step, batch.within, checks), (ends, scores, self.normals)
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best
-        return bool(decide(*asked, *self.packed_at(batch.step), self.steps, *self._stored, *leads, *out))
+        return bool(decide(*asked, *self.tape_at(batch.step), self.steps, *self._stored, *leads, *out))
 
     @cached_property
     def _all_formulas(self) -> bool:
-        """Whether no level-set function is a black box, so that compiled code can evaluate all; found once."""
+        """Whether no level-set function is a black box, so that compiled code can evaluate all."""
         return not any(isinstance(one.level_set, BlackBox) for one in self.problem.all_sets)
 
     @kept
     def _tapes(self) -> Any:
-        """What `tapes_of` returns for the problem, read-only, made once; `NO_TAPES` where a set is a black box."""
+        """What `tapes_of` returns for the problem; `NO_TAPES` where a set is a black box."""
         return tapes_of(self.problem) if self._all_formulas else NO_TAPES
 
     @kept
     def _axes(self) -> Any:
-        """The axes of the static and of the moving avoid tubes, two int64 arrays, read-only, made once."""
+        """The axes of the static and of the moving avoid tubes, two int64 arrays."""
         return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
     @cached_property
@@ -305,10 +291,7 @@ class LookupTable(Table):
 
     @classmethod
     def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, **fields: Any) -> Self:
-        """The table of this problem in an open file of `sdhj.table.files.opened_table`, with the file's head.
-
-        fields : what else the class has, as keywords. ValueError if file and problem do not fit together.
-        """
+        """The table of this problem in an open file, with its checked head and further `fields` of the class."""
         index = read_array(file, "index", "int64", (len(entries(problem.most_steps)),))
         return cls.of_arrays(head, partial(read_array, file), index, problem, **fields)
 
@@ -316,14 +299,9 @@ class LookupTable(Table):
     def of_arrays(
         cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
     ) -> Self:
-        """The table whose arrays a function reads, from a file or a store; ValueError if they do not fit together.
+        """The table whose arrays `stored(name, dtypes, shape)` reads, from a file or a store, as `read_array` does.
 
-        head : of the file, for the method, the details and the axes of the avoid tubes.
-        stored : stored(name, dtypes, shape) returns the array "tubes", "marks", "avoid_static" or "avoid_moving", and
-        raises ValueError if it is of none of the dtypes, names in one string, or not of that shape, in which a set
-        lists allowed lengths.
-        index : (entries,) int64.
-        fields : what else the class has, as keywords.
+        ValueError if they do not fit together.
         """
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
@@ -348,10 +326,7 @@ class LookupTable(Table):
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
-    """The numbers `axes` of axes of a grid, as a file lists them, as a tuple of ascending int; () for an empty list.
-
-    name : of the entry, for the message. ValueError unless they are ascending axes of the grid, each once.
-    """
+    """The numbers of axes of a grid that a file lists, checked to be ascending, as a tuple of int."""
     found = axis_numbers(axes, name)
     if list(found) != sorted(set(found) & set(range(grid.ndim))):
         raise ValueError(f"the axes of {name} must be ascending axes of the grid, got {found}")

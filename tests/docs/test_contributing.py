@@ -112,7 +112,7 @@ def test_the_steady_rule_changes_the_input_less(names: dict[str, Any]) -> None:
     batch = sdhj.Controller(table).batch(states, 0)
     row = int(np.flatnonzero((batch.safe.sum(axis=1) >= 2) & batch.promised)[0])
     controller = sdhj.Controller(table, names["steady"])
-    for j in np.flatnonzero(controller.checked(batch)[row]).tolist():
+    for j in np.flatnonzero(controller.safe_by_true_sets(batch)[row]).tolist():
         assert controller.select(states[row], 0, before=j) == j
     first = controller.step(states[row], 0.0).input
     again = controller.step(states[row], problem.delta)
