@@ -41,74 +41,39 @@ OBSTACLES = (
 
 @dataclass(frozen=True)
 class ArmScene:
-    """The workspace of a case study, with its level-set functions; everything in m and s.
-
-    Attributes
-    ----------
-    arm : Arm
-    obstacles : tuple of Disk
-        OBS(t), which move on given paths.
-    agent : {"pursuer", "evader"}
-        Which of the two the adversary moves: a disk about (px, py), the last two coordinates of the state.
-    agent_radius : float
-        The radius of that disk, m.
-    agent_box : float
-        The centre of that disk stays in [-agent_box, agent_box]^2, m.
-    target : Disk or None
-        TAR(t); None where the evader is the target.
-    """
+    """The workspace of a case study, with its level-set functions of angles q (M, 2) or states (M, 4): (M,), m."""
 
     arm: Arm
-    obstacles: tuple[Disk, ...]
-    agent: str
+    obstacles: tuple[Disk, ...]  # OBS(t), which move on given paths
+    agent: str  # which of the two the adversary moves, "pursuer" or "evader": a disk about (px, py) of the state
     agent_radius: float
-    agent_box: float
-    target: Disk | None
+    agent_box: float  # the centre of that disk stays in [-agent_box, agent_box]^2
+    target: Disk | None  # TAR(t); None where the evader is the target
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the thick arm to the nearest obstacle's disk at time t: (M,), m; < 0 where they overlap.
-
-        There must be an obstacle, or ValueError.
-
-        q : (M, 2), joint angles, rad. t : s.
-        """
+        """Signed distance of the thick arm to the nearest obstacle's disk at time t; < 0 where they overlap."""
         return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
-        """The least of `obstacles_value` over all times in [t0, t1] (Sec. 5.4), up to rounding: (M,), m.
-
-        It is computed from the way that each obstacle takes, not from samples. There must be an obstacle, or
-        ValueError; and t0 <= t1, which is not checked.
-
-        q : (M, 2), joint angles, rad. t0, t1 : s.
-        """
+        """The least of `obstacles_value` over [t0, t1], by the obstacles' ways, not by samples (Sec. 5.4)."""
         distances = [self.arm.swept_distance(q, disk.path, t0, t1) for disk in self.obstacles]
         return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the thick arm to the pursuer's disk in states (M, 4): (M,), m; < 0 where they overlap.
-
-        t : ignored, as the pursuer's position is in the state.
-        """
+        """Signed distance of the thick arm to the pursuer's disk, which is in the state; < 0 where they overlap."""
         return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Distance of the end-effector to the target's centre at time t, less its radius: (M,), m; only with a target.
-
-        q : (M, 2), joint angles, rad.
-        """
+        """Distance of the end-effector to the target's centre at time t, less its radius."""
         assert self.target is not None
         return np.hypot(*(self.arm.tip(q) - self.target.centre(t)).T) - self.target.radius
 
     def evader_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Distance of the end-effector to the evader's centre in states (M, 4), less its radius: (M,), m.
-
-        t : ignored, as the evader's position is in the state.
-        """
+        """Distance of the end-effector to the evader's centre, which is in the state, less its radius."""
         return np.hypot(*(self.arm.tip(states[:, :2]) - states[:, 2:]).T) - self.agent_radius
 
     def _contact(self, disk: Disk) -> float:
-        """The distance, m, between a disk's centre and the arm's skeleton at which the thick arm touches the disk."""
+        """The distance between a disk's centre and the arm's skeleton at which the thick arm touches the disk."""
         return disk.radius + self.arm.half_width
 
 
@@ -200,43 +165,23 @@ def evader_case_study(
     """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, while avoiding the obstacles.
 
     The target set is the evader, so it depends on all four axes; only the obstacles are unsafe, and the arm may touch
-    the evader. The paper gives no numbers: the evader has radius 0.06 m and velocity components up to 0.1 m/s, and
-    everything else is as in `arm_case_study`. The evader's centre stays in [-0.36, 0.36]^2, which is larger than the
-    arm's reach, so it can escape. Use the method "hji": the tubes of "projected" never grow beyond the target, because
-    no state is in the target for every position of the evader along a dropped axis. On its four axes "hji" takes
-    seconds, too; projections save much from five axes on.
+    the evader. The paper gives no numbers. The evader's centre stays in a square that is larger than the arm's reach,
+    so it can escape. Use the method "hji": the tubes of "projected" never grow beyond the target, because no state is
+    in the target for every position of the evader along a dropped axis.
 
     Parameters
     ----------
-    nodes : int or sequence of 4 int
-        Grid nodes on each of the axes q1, q2 (periodic, [-pi, pi)) and px, py.
-    steps : int
-        N, the number of sampling intervals.
-    view_time : {"swept", "sampled", "instantaneous"}
-        How the moving obstacles are treated within an interval; see `ReachAvoidProblem`.
-    kinematics : {"relative", "printed"}
-        The textbook arm, with q2 measured from the first link, or Eq. (8) exactly as printed.
-    delta : float
-        Sampling interval, s.
-    lengths, half_width : (float, float), float
-        The lengths of the two links, and half their thickness, m.
-    u_max, v_d_max : float
-        Bounds of each component of the input and of the disturbance, rad/s.
-    input_levels : int
-        Samples of each input component; their square is the number of inputs.
+    nodes, steps, view_time, kinematics, delta, lengths, half_width, u_max, v_d_max, input_levels, obstacles
+        As for `arm_case_study`.
     v_e_max : float
         Bound of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
         The evader's radius, and half the side of the square that its centre stays in, m.
-    obstacles : sequence of sdhj.arm.workspace.Disk
-        What neither link may touch; as for `arm_case_study`.
 
     Raises
     ------
     ValueError
         If an argument is invalid; the message names it.
-    MemoryError
-        If there is not enough memory for that many nodes.
 
     Examples
     --------
@@ -252,23 +197,16 @@ BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "ev
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """Build the problem that has this recipe, by the case study that the recipe names.
-
-    recipe : `problem.recipe` of a case study's problem, also from a file: {"builder": "arm_case_study" or
-        "evader_case_study", "arguments": all of its arguments, by name}. ValueError unless it has just these arguments
-        in this version, or if a value does not fit.
-    """
+    """The problem of a recipe, also of a file's: {"builder": a case study, "arguments": all, by name}."""
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
 
 
 def as_built(problem: ReachAvoidProblem) -> bool:
-    """Whether a problem is what its recipe builds, up to rounding and whatever its sensing; False without a recipe.
-
-    A problem to which a set was added may still have the recipe, which then builds another problem.
-    """
+    """Whether a problem is what its recipe builds, up to rounding and whatever its sensing."""
     if not problem.recipe:
         return False
+    # a problem to which a set was added may still have the recipe
     built = replace(rebuild(problem.recipe), sensing=problem.sensing)
     return built.digest == problem.digest or _alike(built, problem)
 
@@ -285,10 +223,7 @@ def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem) -> bool:
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
-    """The workspace of a case study's problem, to draw or to measure distances in.
-
-    ValueError for a problem that was not built by a case study, or by one of another version.
-    """
+    """The workspace of a case study's problem, to draw or to measure distances in."""
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
     return _scene(_checked_recipe(problem.recipe))
@@ -306,14 +241,7 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """{"builder": its name, "arguments": all arguments by name}, as plain numbers, lists and strings (JSON).
-
-    Numbers of nodes are written out for each axis.
-
-    builder : "arm_case_study" or "evader_case_study".
-    given : the arguments that it was called with, by name, all of them. ValueError, naming the argument, where one does
-        not fit; "view_time" and "kinematics" are checked later.
-    """
+    """The recipe of a case study's call: all its arguments, checked, as plain numbers, lists and strings (JSON)."""
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
@@ -364,11 +292,7 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
 def _sets(place: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
-    """The target and the unsafe sets of a workspace; cached, so that problems of one workspace share them.
-
-    The unsafe sets are the obstacles (G1 of App. A.3), if there are any, and the pursuer (G2). Where the adversary
-    moves an evader, the evader is the target, and there is no pursuer.
-    """
+    """The target and the unsafe sets, obstacles (G1 of App. A.3) and pursuer (G2), which problems share."""
     unsafe = list[UnsafeSet]()
     if place.obstacles:
         unsafe.append(UnsafeSet(JOINTS, place.obstacles_value, place.obstacles_swept_value, "obstacles"))
@@ -379,11 +303,7 @@ def _sets(place: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:
-    """The problem of a recipe with this target and these unsafe sets.
-
-    The pursuer or evader, whose position p is in the state, is kept in its box by walls of the grid. The dynamics are
-    dq = u + v_d and dp = v_p, the velocity of the pursuer or evader (Eq. 9 and 10).
-    """
+    """The problem of a recipe with these sets and dq = u + v_d, dp = v_p (Eq. 9 and 10)."""
     given, agent = recipe["arguments"], _agent(recipe)
     box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]
     levels = np.linspace(-given["u_max"], given["u_max"], given["input_levels"])

@@ -23,13 +23,9 @@ TURN = 2.0 * np.pi
 
 
 class Segment(NamedTuple):
-    """Line segments in the plane, m, that begin at `start` and continue for `length` in a `direction`; all broadcast.
+    """Line segments in the plane from `start` (..., 2), m, for `length` (...) in a unit `direction` (..., 2).
 
     Distances to them need neither divisions nor a case for segments that are points.
-
-    start : (..., 2).
-    direction : (..., 2), of length 1.
-    length : a number or (...), >= 0.
     """
 
     start: FloatArray
@@ -42,32 +38,29 @@ class Segment(NamedTuple):
         return cls(points, np.array([1.0, 0.0]), 0.0)
 
     def at(self, along: Any) -> FloatArray:
-        """The point (..., 2) of the line that is `along`, (...) or a number, m, from the start."""
+        """The point (..., 2) of the line that is `along` (...) from the start."""
         return self.start + np.asarray(along)[..., None] * self.direction
 
     @property
     def end(self) -> FloatArray:
-        """The end point of each segment: (..., 2)."""
         return self.at(self.length)
 
     def coordinates(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where points (..., 2) are, seen from the start: along the direction, and to its left; (...) each, m."""
+        """Where points (..., 2) are, seen from the start: along the direction, and to its left; (...) each."""
         out, (x, y) = points - self.start, np.moveaxis(self.direction, -1, 0)
         return out[..., 0] * x + out[..., 1] * y, out[..., 1] * x - out[..., 0] * y
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Distance of points (..., 2) from the segments, broadcast: (...), m."""
+        """Distance of points (..., 2) from the segments, broadcast: (...)."""
         along, left = self.coordinates(points)
         beyond = np.maximum(along - self.length, np.minimum(along, 0.0))  # 0 beside the segment
         return np.hypot(beyond, left)
 
 
 def segment_distance(one: Segment, other: Segment) -> FloatArray:
-    """Distance between segments, which broadcast: (...), m; 0 where they cross.
-
-    Two segments that do not cross are nearest at an end of one of them. Where rounding hides a crossing, it is within
-    rounding of an end, and that end's distance is within rounding of zero.
-    """
+    """Distance between segments, which broadcast: (...), m; 0 where they cross."""
+    # Segments that do not cross are nearest at an end of one of them. Where rounding hides a crossing, it is within
+    # rounding of an end, and that end's distance is within rounding of zero.
     ends, others = (one.start, one.end), (other.start, other.end)
     nearest = reduce(np.minimum, [other.distance(end) for end in ends] + [one.distance(end) for end in others])
     split = np.multiply(*(one.coordinates(end)[1] for end in others)) < 0.0
@@ -76,23 +69,18 @@ def segment_distance(one: Segment, other: Segment) -> FloatArray:
 
 
 def _unit(angle: FloatArray) -> FloatArray:
-    """(cos a, sin a) of angles a (...), rad: (..., 2)."""
+    """(cos a, sin a) of angles a (...): (..., 2)."""
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 class _Path:
     """Base of the paths of a point: dataclasses whose fields are checked, and converted to floats, when they are made.
 
-    Fields called centre, start and velocity are pairs (x, y), all others are numbers. A path has
-
-    * `at(t)`, its position at the times t, s: (*t.shape, 2), m;
-    * `speed`, a bound on its speed, m/s;
-    * `swept_distance(segment, t0, t1)`, the least distance from segments to its trace over [t0, t1], t0 <= t1: (...),
-      m.
+    A path has its position `at(t)`, (*t.shape, 2), a bound `speed` on its speed, and `swept_distance(segment, t0, t1)`,
+    the least distance (...) from segments to its trace over [t0, t1]; s, m, m/s.
     """
 
     def __post_init__(self) -> None:
-        """Check the fields and convert them to floats; ValueError where one does not fit."""
         for name, value in vars(self).items():
             of_two = name in ("centre", "start", "velocity")
             least = 0.0 if name == "radius" else -np.inf
@@ -107,11 +95,9 @@ class Still(_Path):
     speed = 0.0
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """The centre at each of the times t: (*t.shape, 2)."""
         return np.asarray(self.centre) + 0.0 * np.asarray(t, dtype=np.float64)[..., None]
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Distance (...) from the segments to the point, which is the same at all times; t1 is ignored."""
         return segment.distance(self.at(t0))
 
 
@@ -124,25 +110,20 @@ class Line(_Path):
 
     @property
     def speed(self) -> float:
-        """|velocity|, m/s."""
         return float(np.hypot(*self.velocity))
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """start + t velocity at the times t: (*t.shape, 2)."""
         return np.asarray(self.start) + np.asarray(t, dtype=np.float64)[..., None] * np.asarray(self.velocity)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Least distance (...) from the segments to the point over [t0, t1]: to the segment that it traces."""
+        """The distance to the segment that it traces."""
         direction = np.array(self.velocity) / self.speed if self.speed else np.array([1.0, 0.0])
         return segment_distance(segment, Segment(self.at(t0), direction, self.speed * (t1 - t0)))
 
 
 @dataclass(frozen=True)
 class Circle(_Path):
-    """The path of a point on the circle of `radius` about `centre`, at the angle rate * t + phase.
-
-    Units are m, rad/s for `rate`, and rad for `phase`.
-    """
+    """The path of a point on the circle of `radius` about `centre`, m, at the angle `rate` t + `phase`, rad."""
 
     centre: tuple[float, float]
     radius: float
@@ -151,19 +132,14 @@ class Circle(_Path):
 
     @property
     def speed(self) -> float:
-        """radius |rate|, m/s."""
         return self.radius * abs(self.rate)
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """centre + radius (cos a, sin a), a = rate t + phase, at the times t: (*t.shape, 2)."""
         angle = self.rate * np.asarray(t, dtype=np.float64) + self.phase
         return np.asarray(self.centre) + self.radius * _unit(angle)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Least distance (...) from the segments to the point over [t0, t1]: to the arc that it traces.
-
-        It is too small by rounding at most, as it is the distance between a point of the segment and one of the arc.
-        """
+        """The distance to the arc that it traces, as one between points of both: too small by rounding at most."""
         # A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
         # minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are
         # where the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays
@@ -188,16 +164,12 @@ PATH_KINDS: dict[str, type] = {"still": Still, "line": Line, "circle": Circle}
 
 @dataclass(frozen=True)
 class Disk:
-    """A disk whose centre moves along a path.
-
-    path : Still, Line or Circle. radius : m, zero for a point. ValueError where one does not fit.
-    """
+    """A disk whose centre moves along a path: a Still, Line or Circle; radius in m, zero for a point."""
 
     path: Path
     radius: float
 
     def __post_init__(self) -> None:
-        """Check path and radius; ValueError where one does not fit."""
         if not isinstance(self.path, Still | Line | Circle):
             raise ValueError(f"path of a disk must be a Still, Line or Circle, got {self.path!r}")
         object.__setattr__(self, "radius", number("radius of the disk", self.radius, least=0.0))
@@ -218,10 +190,7 @@ class Disk:
 
     @classmethod
     def of(cls, disk: "Disk | Mapping[str, Any]") -> "Disk":
-        """`disk` itself if it is a Disk, else the disk that a dictionary of `describe` stands for.
-
-        ValueError if it is neither, or a number of it does not fit.
-        """
+        """`disk` itself if it is a Disk, else the disk that a dictionary of `describe` stands for."""
         if isinstance(disk, cls):
             return disk
         try:
@@ -237,35 +206,24 @@ class Disk:
 
 @dataclass(frozen=True)
 class Arm:
-    """A planar arm with two links, its base at the origin (Sec. 5.2).
+    """A planar arm with two links, its base at the origin (Sec. 5.2); angles q (M, 2) in rad.
 
-    Parameters
-    ----------
-    lengths : (float, float)
-        l1 and l2, m.
-    half_width : float
-        Each link is its segment thickened by this much on each side and at its ends, m.
-    kinematics : {"relative", "printed"}
-        "relative" is the textbook arm: the second link has length l2 and the angle q1 + q2. "printed" is Eq. (8)
-        exactly as printed, with the second term (l1 + l2) (cos q2, sin q2): the second link then begins at the same
-        elbow, l1 (cos q1, sin q1), and has length l1 + l2 and the absolute angle q2.
+    Of the kinematics "relative" is the textbook arm, whose second link has the length l2 and the angle q1 + q2.
+    "printed" is Eq. (8) as printed, with the second term (l1 + l2) (cos q2, sin q2): from the same elbow, l1 (cos q1,
+    sin q1), the second link has the length l1 + l2 and the absolute angle q2.
     """
 
-    lengths: tuple[float, float] = (0.15, 0.15)
-    half_width: float = 0.01
-    kinematics: str = "relative"
+    lengths: tuple[float, float] = (0.15, 0.15)  # l1 and l2, m
+    half_width: float = 0.01  # by which each link is thicker than its segment, on each side and at its ends, m
+    kinematics: str = "relative"  # or "printed"
 
     def __post_init__(self) -> None:
-        """Check lengths, half-width and kinematics; ValueError where one does not fit."""
         object.__setattr__(self, "lengths", pair("lengths", self.lengths, above=0.0))
         object.__setattr__(self, "half_width", number("half_width", self.half_width, least=0.0))
         option("kinematics", self.kinematics, KINEMATICS)
 
     def links(self, q: FloatArray) -> tuple[Segment, Segment]:
-        """The two links at joint angles q (..., 2), rad: from the base to the elbow, and from there to the tip.
-
-        ValueError for angles of another shape.
-        """
+        """The two links at joint angles q (..., 2): from the base to the elbow, and from there to the tip."""
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")
@@ -276,42 +234,31 @@ class Arm:
         return upper, Segment(upper.end, _unit(angle), l2 if relative else l1 + l2)
 
     def joints(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions of elbow and tip, (..., 2) each, m, at joint angles q (..., 2), rad; the base is at the origin."""
+        """Positions of elbow and tip, (..., 2) each, m."""
         upper, lower = self.links(q)
         return upper.end, lower.end
 
     def tip(self, q: FloatArray) -> FloatArray:
-        """The end-effector's position E[q] of Eq. (4), (..., 2), m, at joint angles q (..., 2), rad."""
+        """The end-effector's position E[q] of Eq. (4), (..., 2), m."""
         return self.joints(q)[1]
 
     def distance(self, q: FloatArray, points: FloatArray) -> FloatArray:
-        """Distance from the skeleton, the links without their width, to points: (M,), m.
-
-        q : (M, 2), joint angles, rad. points : (2,), or one for each row, (M, 2); ValueError for another shape.
-        """
+        """Distance from the skeleton, the links without their width, to points (2,) or (M, 2): (M,), m."""
         upper, lower = self.links(q)
         if points.shape not in ((2,), lower.start.shape):
             raise ValueError(f"points must have shape (2,) or {lower.start.shape}, got {points.shape}")
         return np.minimum(upper.distance(points), lower.distance(points))
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
-        """Distance from the skeleton at q (M, 2) to the trace of a point on `path` during [t0, t1]: (M,), m.
-
-        It is the infimum over all times, not over samples (Sec. 6.2.1), up to rounding.
-
-        path : a `Still`, `Line` or `Circle`. t0, t1 : s, with t0 <= t1, which is not checked.
-        """
+        """The least distance from the skeleton to a point on `path` during [t0, t1]: (M,), m."""
+        # the infimum over all times, not over samples (Sec. 6.2.1)
         upper, lower = self.links(q)
         return np.minimum(path.swept_distance(upper, t0, t1), path.swept_distance(lower, t0, t1))
 
     def outline(self, q: Sequence[float] | FloatArray, arc_points: int = 12) -> FloatArray:
-        """Outline of the region R(q) that the arm occupies at joint angles q (2,), rad, for drawing: (V, 2), m.
+        """The closed outline of the region R(q) that the arm occupies at q (2,), for drawing: (V, 2), m.
 
-        It is a closed polygon, whose last point is its first, with the base at the origin. It lies inside the true
-        outline, by less than half_width * (pi / (4 * arc_points))**2. For half_width 0 it is the line to the tip and
-        back. ImportError without Shapely.
-
-        arc_points : points on each quarter of a circle, at least 1.
+        It lies inside the true outline, by less than half_width * (pi / (4 * arc_points))**2.
         """
         try:
             from shapely import LineString  # only drawing needs it

@@ -31,10 +31,7 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """The trace under way in this thread, which `tracing._traced_answer` sets and restores; each thread has its own.
-
-    A trace is one call of a user's function with traced arrays.
-    """
+    """The trace under way in a thread, one call of a user's function; `_traced_answer` sets and restores it."""
 
     trace: int | None = None  # the trace's number, None outside of a trace; arrays of another trace are refused
     refused: list[tuple[str, str]]  # each refusal in the trace: its message, and the user's file and line
@@ -60,30 +57,20 @@ class NotTraced(ValueError):
     """
 
     def __init__(self, what: str, instead: str = "") -> None:
-        """Make the message "what; instead"; if a trace is under way, append it and the user's line to `state.refused`.
-
-        what : what was found that cannot be read. instead : how to write it; "" for no advice.
-        """
         super().__init__(f"{what}; {instead}" if instead else what)
+        # also where the function catches it: `_traced_answer` looks at these
         if state.trace is not None:
             state.refused.append((str(self), _users_line()))
 
 
 @functools.cache
 def installed(file: str) -> bool:
-    """Whether a file, given by its path, belongs to Python's library or to an installed package.
-
-    Packages of other environments count, too. The answer is kept for each path.
-    """
+    """Whether a file belongs to Python's library or to an installed package, of other environments too."""
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
 
 def _users_line() -> str:
-    """The words "file NAME, line N" for the innermost frame of the running code that belongs to the user.
-
-    Frames of this package, and of installed ones, do not belong to the user; where there are no others, the innermost
-    one counts.
-    """
+    """The words "file NAME, line N" for the innermost frame that is neither this package's nor an installed one's."""
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
     ours = [one for one in frames if not installed(one.filename)]
     written = [one for one in ours if one.line]  # not what dataclasses have made of a text
@@ -91,15 +78,10 @@ def _users_line() -> str:
 
 
 def raising_not_traced(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a method so that any `Exception` that it raises becomes a `NotTraced`.
-
-    A NotTraced is appended to the refusals of the trace under way when it is made, so a user's function that catches it
-    is refused all the same.
-    """
+    """The method, whose exceptions become `NotTraced`, so that the trace under way counts them as refusals."""
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
-        """Return method(*args, **options); an exception other than NotTraced becomes one, with its type and text."""
         try:
             return method(*args, **options)
         except NotTraced:
@@ -140,16 +122,15 @@ DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # optio
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
-    """Make, not raise, a `NotTraced` for the function `module.name` with these options, with advice from `ADVICE`."""
+    """The error, not raised, for the function `module.name` with these options, with advice from `ADVICE`."""
     given = f" with {', '.join(sorted(options))}" if options else ""
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
 def _refused(what: str, instead: str) -> Any:
-    """Make a method that raises `NotTraced(what, instead)`, whatever its arguments are."""
+    """A method that raises `NotTraced(what, instead)`, whatever its arguments are."""
 
     def refuse(*_: Any, **__: Any) -> Any:
-        """Raise `NotTraced(what, instead)`."""
         raise NotTraced(what, instead)
 
     return refuse
@@ -158,9 +139,8 @@ def _refused(what: str, instead: str) -> Any:
 class Traced(NDArrayOperatorsMixin):
     """An array of nodes that stands for NumPy's array of the values while a function is traced.
 
-    NumPy's functions and operators give traced arrays of new nodes; isinstance(traced, np.ndarray) is true. What
-    depends on values, as a decision does, or has no rule, raises NotTraced. An array belongs to the trace in which it
-    was made; in another one it is refused.
+    NumPy's functions and operators give traced arrays of new nodes. What depends on values, as a decision does, or has
+    no rule, raises NotTraced; so does an array that was kept from another trace.
 
     Attributes
     ----------
@@ -176,20 +156,13 @@ class Traced(NDArrayOperatorsMixin):
     __array_priority__ = 2000
 
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
-        """An array with these entries, which are not copied, and NumPy's type for them.
-
-        NotTraced unless the type is float64, int64 or bool. The array belongs to the trace that is under way in this
-        thread.
-        """
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
         self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
-        """The class that `isinstance` sees: np.ndarray, or NumPy's scalar type for read-only entries without
-        dimensions.
-        """
+        """What `isinstance` sees: np.ndarray, or NumPy's scalar type for read-only entries without dimensions."""
         numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
         return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
 
@@ -211,34 +184,24 @@ class Traced(NDArrayOperatorsMixin):
     )
 
     def __repr__(self) -> str:
-        """A text with its shape, as there are no values."""
         return f"<traced array of shape {self.shape}>"
 
     def __len__(self) -> int:
-        """The length of the first axis."""
         return len(self.entries)
 
     def __iter__(self) -> Iterator["Traced"]:
-        """The entries of the first axis, one by one."""
         return (self[k] for k in range(len(self)))
 
     @raising_not_traced
     def __getitem__(self, at: Any) -> "Traced":
-        """The entries at an index, a view or a copy as NumPy's.
-
-        NotTraced where the index is traced, or has a traced part.
-        """
+        """The entries at an index that is not traced: a view or a copy, as NumPy's."""
         if holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
 
     @raising_not_traced
     def __setitem__(self, at: Any, value: Any) -> None:
-        """Write values in place at an index, converted to this array's type.
-
-        A traced mask of the array's shape writes the choice between a single value and the old entry, at every entry.
-        NotTraced for an argument of the function, another traced index, or an array of values under a mask.
-        """
+        """Write values in place at an index; by a traced mask of this shape, one value, chosen at each entry."""
         if not self.entries.flags.writeable:
             raise NotTraced("writing into an argument", "write into a copy, for example points = points.copy()")
         value = written_as(traced_array(value), self.dtype).entries
@@ -252,17 +215,9 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """The answer of a NumPy ufunc of traced arrays, made of a graph's nodes entry by entry.
+        """The answer of a NumPy ufunc, made of nodes entry by entry; a pair for np.divmod.
 
-        A traced array or number; a pair of them for np.divmod. NumPy calls this method.
-
-        ufunc : NumPy's. method : "__call__", "outer", or "reduce" for ufuncs in `REDUCED`. inputs : its arguments,
-        traced or plain, which are broadcast. out : None, or a tuple of one traced array, into which the answer is
-        written in place; only None with "reduce" and np.divmod. options : of these only `DEFAULTS`, and axis and
-        keepdims of "reduce".
-
-        NotTraced for everything else, where the ufunc has no rule for the types of the arrays, and for a list times a
-        whole number.
+        The method is "__call__", "outer", or "reduce" of ufuncs in `REDUCED`; the array in `out` is written in place.
         """
         options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):
@@ -284,12 +239,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
-        """The answer of a NumPy function that is no ufunc; NumPy calls this method.
-
-        function : one with a substitute in `FUNCTIONS`, which is called in its place; or one in `PLACED`, which moves
-        entries and computes nothing, and is called with the entries. types : not used. args, options : the function's
-        arguments. NotTraced for all other functions, and where a substitute does not take these arguments.
-        """
+        """The answer of a NumPy function that is no ufunc: its substitute's (`FUNCTIONS`), or its own (`PLACED`)."""
         if function in FUNCTIONS:
             try:
                 return FUNCTIONS[function](*args, **(options := _without_defaults(options)))
@@ -297,6 +247,7 @@ class Traced(NDArrayOperatorsMixin):
                 raise _unknown(function.__name__, options) from error
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
             raise _unknown(function.__name__, options, function.__module__)
+        # those move entries and compute nothing
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
         return _wrapped(
@@ -305,10 +256,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
-        """A copy as another type; the array itself where `copy` is false and it has the type already.
-
-        NotTraced for a float as a whole number, and for types other than float64, int64 and bool.
-        """
+        """A copy as float64, int64 or bool; the array itself where `copy` is false and it has the type already."""
         if not copy and np.dtype(dtype) == self.dtype:
             return self
         return written_as(self, np.dtype(dtype)).copy("K")
@@ -324,11 +272,7 @@ class Traced(NDArrayOperatorsMixin):
     __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
-        """A method of NumPy's arrays that this class does not define, by NumPy's function of that name.
-
-        NotTraced, with advice, for methods and attributes that have no rule; AttributeError for names that begin with
-        two underscores.
-        """
+        """A method of NumPy's arrays, by NumPy's function of that name; others are refused with advice."""
         if name in ("sum", "prod", "cumsum", "mean", "var", "std", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
@@ -341,15 +285,12 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def _rearranged(self, name: str, *args: Any, **options: Any) -> "Traced":
-        """The answer of a method of NumPy's arrays that moves entries and computes nothing, as a traced array.
-
-        name : of the method, as "reshape". args, options : its arguments. A view where NumPy's answer is one.
-        """
+        """The answer of a method of NumPy's arrays that moves entries alone; a view where NumPy's is."""
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
 def _without_defaults(options: dict[str, Any]) -> dict[str, Any]:
-    """The options {name: value} of a call, without those that are not given (np._NoValue) or equal `DEFAULTS`."""
+    """The options of a call, without those that are not given (np._NoValue) or equal `DEFAULTS`."""
     left = {name: value for name, value in options.items() if value is not np._NoValue}
     return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
 
@@ -362,21 +303,14 @@ def holds_traced(value: Any) -> bool:
 
 
 def _with_entries(value: Any) -> Any:
-    """An argument for a NumPy function that moves entries: traced arrays, in lists too, as object arrays of nodes.
-
-    Anything else is returned unchanged.
-    """
+    """An argument with traced arrays, in lists too, as object arrays of nodes: so NumPy's functions move entries."""
     if isinstance(value, list | tuple):
         return type(value)(map(_with_entries, value)) if holds_traced(value) else value
     return entries_of(value) if isinstance(value, Traced) else value
 
 
 def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
-    """The answer of a NumPy function that was given object arrays, as traced arrays of this dtype.
-
-    answer : an array, which is not copied if it has nodes alone; a single node or number, which becomes a read-only
-    number; or a list or tuple of these.
-    """
+    """What a NumPy function made of object arrays, as traced arrays; a single entry becomes a read-only number."""
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
     if isinstance(answer, np.ndarray):
@@ -393,18 +327,14 @@ def _sealed_number(array: Traced) -> Traced:
 
 
 def _nodes_of(array: Any) -> Any:
-    """A new object array of nodes, of the shape of an array of numbers and nodes; -0.0 becomes 0."""
+    """A new object array of nodes, of an array of numbers and nodes; -0.0 becomes 0."""
     out = np.empty_like(array, dtype=object, subok=False)
     out.flat[:] = [v if isinstance(v, Node) else constant(v) for v in array.ravel().tolist()]
     return out
 
 
 def traced_array(value: Any) -> Traced:
-    """A value as a traced array: a traced array itself, else an array, a number or a list of such, by their dtype.
-
-    NotTraced for an array of another trace, for what are no real numbers, for whole numbers above 2^53, and for lists
-    of different lengths.
-    """
+    """A value as a traced array: itself if it is one, else an array, a number or a list of such."""
     if isinstance(value, Traced):
         if value.trace != state.trace:
             raise NotTraced("an array that was kept from another call", "compute it anew")
@@ -425,10 +355,7 @@ def traced_array(value: Any) -> Traced:
 
 
 def stacked(values: Any) -> Traced:
-    """A list of values of one shape, traced or not, as one traced array with a new first axis.
-
-    NotTraced if shapes differ.
-    """
+    """A list of values of one shape, traced or not, as one traced array with a new first axis."""
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
         raise NotTraced("a list of arrays of different shapes", SHAPES)
@@ -436,19 +363,14 @@ def stacked(values: Any) -> Traced:
 
 
 def entries_of(value: Any) -> Any:
-    """The object array of nodes of a value; that of a traced array is not copied.
-
-    NotTraced for what `traced_array` refuses.
-    """
+    """The object array of nodes of a value; that of a traced array is not copied."""
     return traced_array(value).entries
 
 
 def weak_type(value: Any) -> Any:
     """What np.result_type must be given for an operand, so that types are promoted as in the untraced call.
 
-    A Python int or float gives itself, and a traced float without dimensions, as the time is, gives 0.0: of both
-    np.result_type takes the kind alone, not the type. Any other operand, an array, a list or a NumPy number, gives its
-    dtype.
+    Of Python's numbers, and of the time, which is one then, it takes the kind alone; of all else the dtype.
     """
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
@@ -458,11 +380,8 @@ def weak_type(value: Any) -> Any:
 
 
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
-    """The dtype of a NumPy ufunc's answer for these inputs, traced or not; of the last answer if it has several.
-
-    Of ufuncs with a signature, as np.matmul, the type to which the inputs are promoted. TypeError where the ufunc takes
-    no such types.
-    """
+    """The dtype of a ufunc's answer for these inputs, the last of several; TypeError where it takes no such types."""
+    # as np.matmul has one
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
     kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
@@ -470,11 +389,7 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
 
 
 def written_as(array: Traced, dtype: Any) -> Traced:
-    """A traced array converted to a dtype, as NumPy does when it writes into an array of that dtype.
-
-    Entries are shared where they need no change. Truth values become numbers; numbers become whether they are not 0.
-    NotTraced for a float as a whole number, and for other types.
-    """
+    """A traced array converted to a dtype, as NumPy does when it writes into an array; entries may be shared."""
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
@@ -484,11 +399,7 @@ def written_as(array: Traced, dtype: Any) -> Traced:
 
 
 def _written_into(answer: Traced, out: Any) -> Traced:
-    """Write an answer into the traced array `out` in place, as out= and += do, and return `out`.
-
-    If `out` is a read-only number, the answer itself is returned. NotTraced if `out` is a plain array, or its type does
-    not hold the answer's.
-    """
+    """Write an answer into `out` in place, as out= and += do, and return it; of a read-only number the answer."""
     if not isinstance(out, Traced):
         raise NotTraced("writing a result into a plain array", "let the function return a new one")
     if not out.ndim and not out.entries.flags.writeable:  # x += 1 of a number
@@ -504,11 +415,7 @@ def _written_into(answer: Traced, out: Any) -> Traced:
 
 @SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
-    """A function of nodes applied entry by entry to object arrays, broadcast: a new object array.
-
-    function : of as many nodes as there are arrays, -> a node. While a function is traced, the entries of the answer
-    are counted in `state.made`; NotTraced once these are more than `MOST_NODES`.
-    """
+    """A new object array: a function of nodes applied to the entries of object arrays, broadcast and counted."""
     if state.trace is not None:  # not what is made of formulas, of which a process makes any number
         state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
@@ -517,21 +424,13 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
 
 
 def _truths(array: Any) -> Any:
-    """An object array of truth nodes: of each entry whether it is not 0, where truth values stay themselves.
-
-    array : anything that `traced_array` takes.
-    """
+    """An object array of truth nodes: of each entry whether it is not 0, where truth values stay themselves."""
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """The answer of a ufunc of traced arrays, entry by entry, broadcast; of np.matmul the product.
-
-    dtype : of the answer, from `_type_of`. NotTraced where the ufunc has no rule for these types; and, if it is in
-    `COUNTING`, where all operands are truth values without dimensions: without a trace these may be Python's, of which
-    ~ and + are numbers.
-    """
+    """The answer, of this dtype, of a ufunc of traced arrays, entry by entry, broadcast; of np.matmul the product."""
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
     if ufunc is np.matmul:
@@ -553,10 +452,7 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """{NumPy's ufunc: the function that makes its node}, from the records in `RULES`.
-
-    truths : True for the operations whose operands are truth values, False for all others.
-    """
+    """{NumPy's ufunc: what makes its node}, of the operations whose operands are truth values, or of all others."""
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
@@ -567,10 +463,7 @@ EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.
 
 
 def _rint(a: Any) -> Any:
-    """The nearest whole number, the even one of two that are equally near, clipped to [floor(a), ceil(a)].
-
-    The clipping changes no value; it keeps the intervals of the result narrow.
-    """
+    """The nearest whole number, the even one of two; the clipping keeps intervals narrow and changes no value."""
     whole = np.floor(a)
     part = a - whole
     nearest = np.where(part < 0.5, whole, np.where(part > 0.5, whole + 1.0, whole + np.remainder(whole, 2.0)))
@@ -617,12 +510,7 @@ def _counted(array: Traced) -> Traced:
 
 @SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
-    """The reduction of an array by a ufunc of `REDUCED`, as ufunc.reduce computes it.
-
-    array : anything that `traced_array` takes. axis : one axis, several, or None for all. keepdims : whether reduced
-    axes stay, with length 1. Sums and products count truth values, as int64; logical reductions take numbers for
-    whether they are not 0. ValueError for a minimum or maximum over no entries.
-    """
+    """The reduction of an array by a ufunc of `REDUCED`, along one axis, several, or all (None)."""
     array = traced_array(array)
     if ufunc in (np.logical_or, np.logical_and):
         array = array.astype(bool)
@@ -638,7 +526,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
-    """Make a function (a, axis=None, *, keepdims=False) that reduces by a ufunc of `REDUCED`, as np.sum by np.add."""
+    """A function that reduces by a ufunc of `REDUCED`, as np.sum does by np.add."""
     return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
 
 
@@ -649,10 +537,7 @@ def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    """numpy.linalg.norm of vectors x along one axis, or of all entries: sum |x|, sqrt(sum x^2) or max |x|.
-
-    ord : 1, None or 2, or np.inf, in this order. NotTraced for other orders and for norms of matrices.
-    """
+    """numpy.linalg.norm of vectors along one axis, or of all entries: sqrt(sum x^2), sum |x| (1) or max |x| (inf)."""
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
     if not vector or ord not in (None, 1, 2, np.inf):
@@ -664,10 +549,7 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 
 
 def _where(condition: Any, *branches: Any) -> Traced:
-    """numpy.where(condition, one, other), broadcast; numbers as a condition are true where they are not 0.
-
-    branches : (one, other). NotTraced without them.
-    """
+    """numpy.where(condition, one, other), broadcast; numbers as a condition are true where they are not 0."""
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
     entries = mapped(narrowing.where, _truths(condition), *map(entries_of, branches))
@@ -675,11 +557,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
-    """numpy.clip: min(max(a, least), most), entry by entry.
-
-    a_min, or min, is the least, and a_max, or max, the most; min and max are ignored where the other is given. A bound
-    that is None is left out. NotTraced if both are.
-    """
+    """numpy.clip: min(max(a, least), most), entry by entry; a bound that is None is left out."""
     least, most = (b if a is None else a for a, b in ((a_min, min), (a_max, max)))
     if least is None and most is None:
         raise NotTraced("numpy.clip without bounds")
@@ -688,10 +566,7 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 
 
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
-    """numpy.select: the choice that belongs to the first true condition, else the default, entry by entry.
-
-    condlist, choicelist : lists of equal length; else ValueError. NotTraced for conditions that are numbers.
-    """
+    """numpy.select: the choice that belongs to the first true condition, else the default, entry by entry."""
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
     kind = np.result_type(*map(weak_type, [*choicelist, default]))
@@ -700,10 +575,7 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
-    """numpy.round of a traced array: rint(a 10^decimals) / 10^decimals.
-
-    decimals : also negative. NotTraced for whole numbers and truth values, and for traced decimals.
-    """
+    """numpy.round of traced floats: rint(a 10^decimals) / 10^decimals."""
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
     scale = 10.0 ** abs(decimals)
@@ -711,10 +583,7 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
-    """numpy.interp of a table of constants: linear between its points xp, of values fp; beyond them that at the end.
-
-    xp must ascend strictly; NotTraced where it does not, or where xp or fp is traced.
-    """
+    """numpy.interp of a table of constants: linear between ascending points xp of values fp, constant beyond them."""
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
     xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
@@ -726,10 +595,7 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
-    """numpy.full_like of a traced array `a`: a new traced array of its shape and memory order, filled with a value.
-
-    dtype : by default that of `a`. NotTraced where the value cannot be converted to it.
-    """
+    """numpy.full_like of a traced array: a new one of its shape and memory order, filled with a value."""
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
     room[...] = fill.entries if fill.ndim else fill.entries[()]
@@ -738,11 +604,7 @@ def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
 
 @SILENT
 def _summed(function: Any, *args: Any) -> Any:
-    """The traced answer of a NumPy function that only multiplies, adds and subtracts, as np.dot, np.diff or np.einsum.
-
-    function : called with object arrays of nodes. args : its arguments, traced or plain arrays, or strings, which are
-    passed on as they are. NotTraced where all arrays are truth values.
-    """
+    """The traced answer of a NumPy function that only multiplies, adds and subtracts, as np.dot."""
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")

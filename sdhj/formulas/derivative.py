@@ -22,11 +22,10 @@ Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
-    """The derivatives of the nodes `outputs` by one coordinate or parameter, the leaf `by`, as nodes, in the same
-    order.
+    """The derivatives of the nodes `outputs` by the leaf `by`, a coordinate or parameter, as nodes.
 
     Their intervals over a box bound every slope in it, and are undefined where an output may jump or be infinitely
-    steep. Their values are the derivatives, except for tables (`_interpolated`).
+    steep.
     """
     found: Found = {}
     for one in ordered(outputs):
@@ -38,11 +37,7 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
 
 
 def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
-    """The parts of outputs that are linear in the leaves `by`: for each output [rest, c_0, c_1, ...].
-
-    output = rest + sum over d of c_d by[d], where neither rest nor a coefficient reads a leaf in `by`. None if an
-    output is not linear in all of these leaves together, or this cannot be told.
-    """
+    """[rest, c_0, c_1, ...] for each output rest + sum_d c_d by[d]; None where one is not plainly linear."""
     slopes = [derivative(outputs, one) for one in by]
     rest = rebuilt(outputs, lambda one: ZERO if one in by else None)
     read = set(ordered([one for each in slopes for one in each]))
@@ -52,7 +47,7 @@ def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | No
 
 
 def _derived(one: Node, found: Found) -> Node:
-    """The derivative of a node by the chain rule. found : the derivatives of all nodes below it; not written."""
+    """The derivative of a node by the chain rule, from those of all nodes below it."""
     slopes = [found[arg] for arg in one.args]
     if one.op == "where":
         return _branches(one, slopes, found)
@@ -72,11 +67,7 @@ def _derived(one: Node, found: Found) -> Node:
 
 
 def _derived_angle(one: Node, found: Found) -> Node:
-    """The derivative of an angle `one`, a node, that is only used as the argument of a sine or cosine.
-
-    There the jumps of `mod` by 2 pi and of `arctan2` do not matter, so they are left out, through sums, differences and
-    negatives. found : the derivatives of the node and of all nodes below it; not written.
-    """
+    """The derivative of an angle that only a sine or cosine reads, so that its jumps by 2 pi do not matter."""
     if found[one] is ZERO:
         return ZERO
     if one.op in ("add", "sub", "neg"):
@@ -90,27 +81,17 @@ def _derived_angle(one: Node, found: Found) -> Node:
 
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
-    """A node whose interval bounds the derivative of a node "gridded": sum over axes k of EITHER s_k slopes[k].
-
-    EITHER has the interval [-1, 1], and s_k is the largest difference between neighbours along axis k over the spacing,
-    rounded up. The value of the node is no derivative. one : the node that interpolates the table. slopes : the
-    derivatives of its operands, the coordinates in the table.
-    """
+    """A node whose interval bounds the derivative of a table, by its steepest differences; its value does not."""
     terms = list[Node]()
     for axis, slope in enumerate(slopes):
         steepest = float(abs(np.diff(one.value.values, axis=axis)).max()) / one.value.spacing[axis] * (1 + 1e-12)
+        # EITHER is anything in [-1, 1]
         terms.append(EITHER * constant(steepest) * slope)
     return sum(terms, ZERO)
 
 
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
-    """The derivative of a node `where`: that of the branch which is taken, undefined where the branch may change by a
-    jump.
-
-    It does not jump where the condition does not read the leaf by which is derived, or the branches meet at each
-    comparison in the condition (`_equal_at_border`). slopes : the derivatives of the condition and both branches. found
-    : those of all nodes below; not written.
-    """
+    """The derivative of a node `where`: that of the branch taken, undefined where it may change by a jump."""
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
     if found[condition] is ZERO:
@@ -129,11 +110,7 @@ def _compared(condition: Node) -> list[Node]:
 
 
 def _equal_at_border(compared: Node, branches: Sequence[Node]) -> bool:
-    """Whether two branches are surely equal wherever the two sides of a comparison are equal.
-
-    It is sure if, with one side put in place of the other, both branches are the same node. False where they are not,
-    and for a node `compared` that is no comparison.
-    """
+    """Whether two branches are the same node once one side of a comparison is put in place of the other."""
     if not RULES[compared.op].truth:
         return False
     for old, new in (compared.args, compared.args[::-1]):

@@ -43,9 +43,8 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 class Formula(Remembering):
     """A function as an expression graph: formula(points (M, coordinates), *parameters) -> values (M, *shape).
 
-    It is immutable. Formulas are equal if they have the same graph, numbers of arguments, shape and name. Made by
-    `read`, `traced` or `restored`. What follows from the graph (`tape`, `reads`, `rows`, ...) is computed once, at
-    first use. It is pickled as lines of text.
+    It is immutable, equal to others of the same graph, shape and name, and pickled as text. Made by `read`, `traced` or
+    `restored`. What follows from the graph (`tape`, `reads`, ...) is computed at first use, and kept.
     """
 
     outputs: tuple[Node, ...] = field(repr=False)  # the results for one point, flattened in C order
@@ -59,16 +58,9 @@ class Formula(Remembering):
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
-        """A level-set function as a `Formula`: function(points (M, coordinates), *names) -> (M,) is traced.
+        """A user's level-set function of points (M, coordinates) and `names`, traced; it is kept as the `source`.
 
-        The formula keeps the function as its `source`, to be compared with it. A Formula or BlackBox is not traced, but
-        checked, and a copy under the new name is returned.
-
-        name : what the function is, for messages. function : a user's, a Formula or a BlackBox. coordinates : how many
-        a point has. names : those of the parameters after the points, as "t".
-
-        ValueError where it is no function of these arguments, and NotTraced, a ValueError, where it cannot be read;
-        messages say at which line, and what to write.
+        A Formula or BlackBox is checked and renamed. ValueError or NotTraced say at which line, and what to write.
         """
         if isinstance(function, BlackBox):
             return function.checked(name, names)
@@ -79,7 +71,6 @@ class Formula(Remembering):
         check_places(name, function, ("points",), names)
 
         def arguments(rows: int) -> list[Traced]:
-            """The arguments of a traced call: points (rows, coordinates), and one traced number for each name."""
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
@@ -89,42 +80,34 @@ class Formula(Remembering):
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
         """The formula of a function of this package, by one traced call without the checks of `read`.
 
-        The caller vouches that the function is made of NumPy's functions and formulas, and treats all points in the
-        same way; its answer for points (M, coordinates) has shape (M, ...).
+        The caller vouches that it is made of NumPy's functions and formulas and treats all points in the same way.
         """
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
     @property
     def source(self) -> Callable[..., Any] | None:
-        """The user's function that it was read from.
-
-        None once it has been compared with the formula, or where there was none.
-        """
+        """The user's function that it was read from; None once that has been compared, or where there was none."""
         return self._source[0] if self._source else None
 
     def forget_source(self) -> None:
-        """Forget, in place, the function that it was read from, which may hold large arrays.
-
-        `source` is None from then on.
-        """
+        """Forget, in place, the function that it was read from, which may hold large arrays."""
         self._source.clear()
 
     @kept
     def entries(self) -> Any:
-        """The results for one point as an object array of nodes, (*shape), read-only; made once."""
+        """The results for one point as an object array of nodes, (*shape), read-only."""
         return np.array(self.outputs, dtype=object).reshape(self.shape)
 
     @cached_property
     def rows(self) -> "tuple[Formula, ...]":
-        """A formula for each entry of the first axis of the results, each with results of shape[1:]; made once."""
+        """A formula for each entry of the first axis of the results."""
         return tuple(replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries)
 
     def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
-        """Values (M, *shape) at points (M, coordinates), for parameters that are numbers.
+        """Values (M, *shape) at points (M, coordinates), for parameters that are numbers; traced where an argument is.
 
-        Traced values where an argument is traced. ValueError where points or parameters do not fit, or a value is
-        undefined or infinite; with finite=False what is undefined is NaN, and nothing is checked of values.
+        ValueError where a value is undefined or infinite; with finite=False it is returned, NaN where undefined.
         """
         is_traced = Traced in map(type, (points, *parameters))
         points = points if is_traced else np.ascontiguousarray(points, np.float64)
@@ -157,10 +140,10 @@ class Formula(Remembering):
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """Lower and upper bounds, (M, *shape) each, of the values over M boxes, by interval arithmetic rounded outward.
+        """Lower and upper bounds, (M, *shape) each, over M boxes and intervals of the parameters, rounded outward.
 
-        low, high (M, coordinates) : corners of the boxes. parameters : an interval (begin, end) for each one. The
-        bounds are -inf and inf where the function may be undefined somewhere in the box.
+        low, high (M, coordinates) : corners of the boxes. parameters : (begin, end) of each. Where the function may be
+        undefined in a box, its bounds are -inf and inf.
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
         # for what may not be written to, all would be compiled once more
@@ -172,22 +155,14 @@ class Formula(Remembering):
         return least, greatest
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
-        """Lower bounds (M,) of a formula with one result, at points (M, coordinates), over intervals of the parameters.
-
-        parameters : an interval (begin, end) for each one. -inf where the function may be undefined.
-        """
+        """Lower bounds (M,) of the one result at points (M, coordinates), over intervals of the parameters."""
         return self.bounds_by_branch(points, points, *parameters)[0]
 
     def bounds_by_branch(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """Bounds of a formula with one result, (M,) each, narrower than `bounds` at the jump of an angle.
+        """`bounds` of a formula with one result, (M,) each, narrower at up to `MOST_JUMPS` jumps of angles.
 
-        low, high (M, coordinates) : corners of the boxes. parameters : an interval (begin, end) for each one. The
-        bounds are -inf and inf where the function may be undefined somewhere in the box. The two sides of a jump are
-        bounded apart, and the least and the greatest of both are returned.
-
-        What `bounds` has between the values on the two sides of a jump of `mod` or `arctan2` is no value of the
-        function; of a set on a circle it would be a phantom, half a turn away. Up to `MOST_JUMPS` such operations are
-        taken apart, in all combinations of sides; with more, the result is that of `bounds`.
+        What lies between the values on the two sides of a jump of `mod` or `arctan2` is no value of the function; of a
+        set on a circle it would be a phantom, half a turn away. So the sides are bounded apart, in all combinations.
         """
         found, (jumps, operands, rest) = np.array(self.bounds(low, high, *parameters)), self._jumps
         if not 0 < len(jumps) <= MOST_JUMPS:
@@ -209,10 +184,7 @@ class Formula(Remembering):
 
     @cached_property
     def operands_of_min(self) -> "tuple[Formula, ...]":
-        """The different formulas whose minimum this one is, by its form; (self,) where it is no minimum.
-
-        Minima within a minimum are opened up. Only for a formula with one result, which is not checked. Made once.
-        """
+        """The different formulas whose minimum this one is by its form; (self,) where it is no minimum."""
         found, left = dict[Node, None](), [self.outputs[0]]
         while left:
             one = left.pop()
@@ -224,11 +196,9 @@ class Formula(Remembering):
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
-        """What `bounds_by_branch` needs: (nodes that jump, formula of their operands, formula of the results).
+        """What `bounds_by_branch` needs: the nodes that jump, a formula of their operands, and one of the results.
 
-        The nodes are `arctan2`, and `mod` by a constant above 0. The formula of their operands has two results for each
-        of them: y and x, or a / b and b for mod(a, b). The formula of the results takes the values of the nodes as
-        further coordinates, after those of a point. Made once.
+        The operands are y and x, or a / b and b for mod(a, b); the results read the nodes as further coordinates.
         """
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
@@ -239,7 +209,7 @@ class Formula(Remembering):
 
     @kept
     def reads(self) -> FloatArray:
-        """Whether each result (flattened) reads each coordinate: (results, coordinates) bool, read-only; made once."""
+        """Whether each result (flattened) reads each coordinate: (results, coordinates) bool, read-only."""
         out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
         for row, one in enumerate(self.outputs):
             out[row, list(leaves([one], "x"))] = True
@@ -251,51 +221,36 @@ class Formula(Remembering):
         return 0 in leaves(self.outputs, "p")
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
-        """The function of points whose coordinates are clipped to [lower, upper] first, as a new formula.
-
-        lower, upper (coordinates,) : -inf and inf where an axis has no end.
-        """
+        """The function of points whose coordinates are clipped to [lower, upper], (coordinates,) each, first."""
 
         def function(points: Any, *given: Any) -> Any:
-            """The values of the formula at points (M, coordinates) clipped to [lower, upper]."""
             return self(np.minimum(np.maximum(points, lower), upper), *given)
 
         return Formula.traced(self.name, function, self.coordinates, self.parameters)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
-        """The function of points that have the coordinates `axes` alone, in this order.
-
-        Made once for each tuple of axes. The formula must read no other coordinates, which is not checked.
-        """
+        """The function of points that have the coordinates `axes` alone, which must be all that it reads."""
         places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
 
         def function(points: Any, *given: Any) -> Any:
-            """The values of the formula at points (M, len(axes)) that have those coordinates alone."""
             return self(points[:, places], *given)
 
         return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:
-        """A hashable key of what it computes: formulas with equal keys have equal values, to the last bit; made once.
-
-        It has the numbers of coordinates and parameters, the shape, the lines of text, and the digests of tables; not
-        the name.
-        """
+        """A hashable key of what it computes: formulas with equal keys have equal values, to the last bit."""
         tables: list[Lookup] = []
         lines = tuple(written(self.outputs, tables))
         return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
 
     @cached_property
     def tape(self) -> Tape:
-        """The formula as the kernels play it (`sdhj.kernels.tape`); made once."""
+        """The formula as the kernels play it (`sdhj.kernels.tape`)."""
         return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
-        """The results (M, *shape) at traced points, as a traced array of nodes of the caller's graph.
-
-        points (M, coordinates) : traced or plain. parameters : traced or plain numbers, one for each parameter.
-        """
+        """The results at points (M, coordinates), where an argument is traced: a traced array of the caller's graph."""
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
@@ -306,7 +261,7 @@ class Formula(Remembering):
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
-        """Pickle it as lines of text and tables, from which `restored` makes it again; its source is left out."""
+        """Pickled as text and tables, from which `restored` makes it again; its source is left out."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
@@ -315,8 +270,8 @@ class Formula(Remembering):
 def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     """The seven arrays of a `Tape`, in the order of its docstring, whose results are the nodes `outputs`.
 
-    A slot is used again as soon as no later operation reads it, so a result may take the slot of an operand. Tables
-    with equal values are stored once, each followed by its `pyramid`; the last entry is a list of arrays.
+    A slot is used again as soon as no later operation reads it. Tables with equal values are stored once, each followed
+    by its `pyramid`; the last entry is a list of arrays.
     """
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
@@ -358,24 +313,14 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
-    """The formula with this text, as `Formula.__reduce__` and files keep it.
-
-    lines : of text, from `text.written`. tables : arrays or `Lookup`s, to which the lines refer by position.
-    coordinates, parameters : how many the formula may read. shape : of the results for one point; that there are as
-    many is not checked. name : what the function is, for messages. ValueError where the text cannot be read.
-    """
+    """The formula with these lines of text, as files keep it; ValueError where they cannot be read."""
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
-    """Raise ValueError where a function's values (M, *shape) are not those of its formula.
+    """Raise ValueError where a user's function is not its formula at points (M, n), for parameters that are numbers.
 
-    They are compared at points (M, n), for parameters that are numbers. Where the formula is undefined, nothing is
-    compared. Values may differ by `NEARLY` of the largest one, because NumPy may add in another order. Where they
-    differ by more, they must lie in the formula's intervals at the points, widened by 4 units in the last place and by
-    their own width; these are computed only there, because compiling them takes seconds. Where such an interval is
-    wide, as at the jump of an angle, the values must agree within `NEARLY` at the point, or at a random point beside
-    it, by `BESIDE` of 1 and each coordinate.
+    Where the formula is undefined, nothing is compared; where a value may jump, points beside it may agree, too.
     """
     values, own, good, differs = _compared(formula, function, points, parameters)
     if (some := differs.any(axis=1)).any():
@@ -391,21 +336,18 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
 
 
 def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray, parameters: Sequence[float]) -> Any:
-    """Compare a function with its formula at points (M, n): (values, own, good, differs), each (M, K) for K results.
-
-    values : those of the function. own : those of the formula. good : whether the two agree within `NEARLY`, or, if any
-    do not, whether the function's value is in the formula's widened interval, or the interval unbounded. differs :
-    whether they disagree and the interval is wide (`WIDE`), as at a jump. parameters : numbers, those of both.
-    """
+    """Values of the function and the formula, whether they agree, and whether at a jump they do not: (M, results)."""
     given = points.copy()
     given.setflags(write=False)
     with np.errstate(all="ignore"):
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
         own = formula(points, *parameters, finite=False).reshape(len(points), -1)
+        # NumPy may add in another order: values differ by up to `NEARLY` of the largest
         largest = np.abs(np.where(np.isfinite(own), own, 0.0)).max(axis=0, initial=0.0)
         differs = np.isfinite(own) & ~(np.abs(own - values) <= NEARLY * largest)
         if not differs.any():
             return values, own, ~differs, differs
+        # only here, because compiling this takes seconds; an interval as wide as `WIDE` has a jump in it
         ends = formula.bounds(points, points, *((t, t) for t in parameters))
         low, high = (end.reshape(len(points), -1) for end in ends)
         slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
@@ -464,11 +406,7 @@ class BlackBox:
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
-        """Check the function and what is declared of it.
-
-        Arrays are copied and made read-only, `reads` becomes a tuple of int. ValueError where something is no function,
-        or a bound is negative or not finite.
-        """
+        """Check what is declared, and make its arrays read-only copies, and `reads` a tuple of int."""
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
@@ -483,12 +421,8 @@ class BlackBox:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 
     def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
-        """A copy under another name, for messages, after a check of the arguments that function and enclosure take.
-
-        name : what the function is. rest : names of what the function must take after the state; ignored, and the
-        function not checked, if `takes` is given. takes : names of what the enclosure must take after low and high; by
-        default t0 and t1. ValueError where one takes other arguments.
-        """
+        """A copy under this name, if the function takes `rest` after a state and the enclosure `takes` after a box."""
+        # where the enclosure takes other arguments than t0 and t1, the caller has checked the function
         if not takes:
             check_places(name, self.function, ("points",), rest)
         if self.enclosure is not None:
@@ -505,10 +439,6 @@ class BlackBox:
         """The black box whose points, and corners of boxes, are first clipped to [lower, upper], (coordinates,)."""
 
         def cut(function: Any, count: int) -> Any:
-            """A function that calls `function` with its first `count` arguments clipped to [lower, upper].
-
-            These are the points, or the two corners of boxes.
-            """
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
@@ -519,11 +449,9 @@ class BlackBox:
         return replace(self, function=partial(_with_input, self.function, 1, u), enclosure=enclosure)
 
     def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """Lower and upper bounds, (M, *shape) each, of the values over M boxes and an interval of time (begin, end).
+        """Lower and upper bounds, (M, *shape) each, over M boxes, corners (M, n), and an interval of time.
 
-        They are what the enclosure says; else value at the middle -+ (slope |half of the box| + rate times half of the
-        duration), a little more for rounding. low, high (M, n) : corners of the boxes. ValueError, which names what is
-        missing, where too little is declared.
+        What the enclosure says, or value in the middle -+ (slope |half of the box| + rate times half of the duration).
         """
         if self.enclosure is not None:
             least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
@@ -536,11 +464,7 @@ class BlackBox:
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
-            """Bounds on how far values change over displacements `by` >= 0, (M, n), and a duration >= 0, s.
-
-            slope |by| + rate duration, which broadcasts to (M, *shape). If the slope is one number for a level set,
-            |by| is the length of the displacement; else the changes along the coordinates are summed.
-            """
+            # of a slope that is one number |by| is the distance, else changes along the coordinates are summed
             far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))
             far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))
             return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
@@ -555,15 +479,11 @@ class BlackBox:
 
     @property
     def operands_of_min(self) -> "tuple[BlackBox, ...]":
-        """The functions whose minimum it is: (self,), because what it is made of is not known."""
+        """(self,), because what it is made of is not known."""
         return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
-        """Lower bounds (M,) at points (M, n) over an interval of time (begin, end).
-
-        They are what the enclosure says; else the value in the middle of the interval - rate times half of its
-        duration. ValueError where neither an enclosure nor a rate is declared. Only for a level set.
-        """
+        """Lower bounds (M,) of a level set at points (M, n) over an interval of time (begin, end)."""
         if self.enclosure is not None:
             return self.bounds(points, points, time)[0]
         if self.rate is None:
@@ -574,10 +494,7 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
-        """The function's values as float64 (M, *shape), at points (M, n) and what it takes besides.
-
-        ValueError where they are not finite or have another shape; NotTraced within a function that is traced.
-        """
+        """The function's values as float64 (M, *shape) at points (M, n); ValueError where they are not finite."""
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)
@@ -587,11 +504,10 @@ class BlackBox:
 
 
 def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Bounds of `mod` or `arctan2` (op) over M boxes, on both sides of its jump: (2, 2, M), [side][lower, upper][box].
+    """Bounds of `mod` or `arctan2` over M boxes, on both sides of its jump: (2, 2, M), [side][lower, upper][box].
 
-    Both sides have the same bounds where there is no jump in the box. a, b (2, M) : lower and upper bounds of the
-    number of laps and of the period (above 0); or of y and of x, where the jump is at y = 0, x <= 0. They are rounded
-    outward by a share `ANGLE_ERROR`. A `mod` of more than one jump in the box has all of [0, period].
+    a, b (2, M) : bounds of the laps and the period (above 0), or of y and x, where the jump is at y = 0, x <= 0.
+    Without a jump in the box both sides are equal; `mod` with more than one jump has all of [0, period].
     """
     if op == "mod":
         laps = np.floor(a)
@@ -708,8 +624,6 @@ def complement(function: Any) -> Any:
 
 
 def _check_sets(name: str, functions: Sequence[Any]) -> None:
-    """Raise ValueError where an argument of sdhj.NAME (`union`, `intersection` or `complement`) is no function of
-    (points, t).
-    """
+    """Raise ValueError where an argument of sdhj.NAME is no function of (points, t)."""
     for function in functions:
         check_places(f"a level-set function of sdhj.{name}", function, ("points",), ("t",))

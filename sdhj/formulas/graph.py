@@ -27,10 +27,7 @@ _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 
 @dataclass(frozen=True)
 class Lookup:
-    """A table to be interpolated: values at the nodes lower + i * spacing of a grid; made by `of`, which checks them.
-
-    Two tables are equal if they have the same lower, spacing and digest; values are compared by the digest alone.
-    """
+    """A table to be interpolated: values at the nodes lower + i * spacing of a grid, checked by `of`."""
 
     values: FloatArray = field(compare=False, repr=False)  # float64, read-only, 1 to `MOST_AXES` axes
     lower: tuple[float, ...]  # the coordinate of the first node on each axis
@@ -39,13 +36,7 @@ class Lookup:
 
     @classmethod
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
-        """A table from values and one number `lower` and `spacing` for each axis (plain numbers where there is one
-        axis).
-
-        ValueError where shapes do not fit, an axis has a single node, a number is not finite, a spacing is not above 0,
-        or the values take more than `MOST_TABLES` bytes. As maps are large, values are shared where that is safe: those
-        of a Lookup, and a read-only array that owns its memory, or a file's (`_sealed`); all else is copied.
-        """
+        """A checked table; one number `lower` and `spacing` for each axis. Values are shared where that is safe."""
         known = values if isinstance(values, Lookup) else None
         if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
             raise ValueError(
@@ -53,6 +44,7 @@ class Lookup:
                 "together; use fewer nodes"
             )
         try:
+            # maps are large: a Lookup's, a read-only array that owns its memory, and a file's are not copied
             array = known.values if known else values if _sealed(values) else np.array(values, np.float64, order="C")
             low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
         except (TypeError, ValueError) as error:
@@ -85,8 +77,7 @@ class Node:
     """One operation and its operands, or a leaf: a coordinate, a parameter or a constant.
 
     Nodes are immutable, and equal ones are one object: compare them by `is`. They are made by `leaf`, `constant`,
-    `make`, `power` and `interned` alone, never by Node(). `+`, `-` and `*` make nodes, because NumPy's products
-    (np.dot, np.einsum) use these on the entries of object arrays.
+    `make`, `power` and `interned` alone. NumPy's products (np.dot, np.einsum) use `+`, `-` and `*` of the entries.
     """
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
@@ -97,15 +88,12 @@ class Node:
     total: bool  # whether it is surely defined, and does not overflow, for all that states and times may be
 
     def __add__(self, other: Any) -> "Node":  # products in NumPy add, subtract and multiply the entries
-        """The node self + other, a node or a number; simplified by `make`."""
         return make("add", self, node(other))
 
     def __sub__(self, other: Any) -> "Node":
-        """The node self - other, a node or a number; simplified by `make`."""
         return make("sub", self, node(other))
 
     def __mul__(self, other: Any) -> "Node":
-        """The node self * other, a node or a number; simplified by `make`."""
         return make("mul", self, node(other))
 
     __radd__, __rmul__ = __add__, __mul__
@@ -115,21 +103,14 @@ class Node:
         return interned, (self.op, self.args, self.value)
 
     def __bool__(self) -> bool:
-        """Raise TypeError: a node has no value that could decide."""
         raise TypeError("an entry of a traced array has no value")
 
     def __repr__(self) -> str:
-        """The operation, with its value or the number of its operands."""
         return f"{self.op} of {len(self.args)}" if self.args else f"{self.op} {self.value}"
 
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
-    """The one node of operation `op` with these operands and this value, not simplified: equal arguments, the same
-    object.
-
-    op : a name in `RULES`. value : as `Node.value`; floats are compared by their digits, so NaN equals NaN and -0.0
-    differs from 0.0. Nodes are known as long as something refers to them. Threads may call it at the same time.
-    """
+    """The one node of this operation, operands and value, not simplified; threads may call it at once."""
     key = (op, args, repr(value) if isinstance(value, float) else value)  # NaN is NaN
     found = _nodes.get(key)
     if found is None:
@@ -148,11 +129,8 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
 
 
 def leaf(kind: str, index: int, row: int = 0) -> Node:
-    """The node of coordinate (kind "x") or parameter (kind "p", of which 0 is the time) number `index`.
-
-    row : the number of the point, while a function is traced with several; 0 in formulas. The same arguments give the
-    same object.
-    """
+    """The node of coordinate (kind "x") or parameter (kind "p", of which 0 is the time) number `index`."""
+    # row: the point's number, while a function is traced with several
     return interned(kind, (), (index, row))
 
 
@@ -162,7 +140,6 @@ def constant(value: float) -> Node:
 
 
 def node(value: Any) -> Node:
-    """The node of a constant, if value is a number; value itself if it is a node."""
     return value if isinstance(value, Node) else constant(value)
 
 
@@ -172,14 +149,10 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """The node of operation `op` with these operands, simplified.
+    """The node of operation `op` with these operands, simplified; without operands the constant `value`.
 
-    Without operands the constant `value`, whatever `op` is. Constants are computed (`Rule.folded`), and nodes replaced
-    by simpler ones (`Rule.simpler`), only where that changes neither a value, to the last bit, nor where it is
-    undefined.
-
-    op : a name in `RULES`. args : as many as it has operands, which is not checked. value : the number of a constant,
-    the exponent of "power", or the `Lookup` of "gridded".
+    Constants are folded, and nodes replaced (`Rule.simpler`), only where that changes neither a value, to the last bit,
+    nor where it is undefined.
     """
     if not args:
         return constant(value)
@@ -194,11 +167,7 @@ def make(op: str = "const", *args: Node, value: Any = None) -> Node:
 
 
 def power(a: Node, b: Node) -> Node:
-    """The node a^b, by the cheapest operation.
-
-    For a constant b that is a itself, "sqr", "sqrt", 1 / a, the constant 1 for b = 0 (where a is `total`), or "power"
-    for a whole exponent of magnitude up to `MOST_EXPONENT`. Otherwise it is "pow".
-    """
+    """The node a^b by the cheapest operation: that of a constant exponent, or "pow"."""
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)
@@ -213,10 +182,9 @@ def power(a: Node, b: Node) -> Node:
 
 
 def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
-    """The nodes that `outputs` are made of and these themselves, each once, operands before the nodes that read them.
+    """The nodes of a graph, each once, operands first; their order depends on the graph alone.
 
-    The order depends on the graph alone. most : a limit, to keep callers fast: the list is empty where there are more
-    nodes. It may be empty, too, where there are nearly as many, since nodes that wait to be visited count.
+    It is empty where there are more than `most`, to keep callers fast; it may be, too, where there are nearly as many.
     """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
@@ -231,10 +199,9 @@ def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
 
 
 def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:
-    """The outputs with some of the nodes that they are made of replaced, and all nodes above those made anew by `make`.
+    """The outputs with all nodes replaced for which `replaced` returns another, and those above made anew by `make`.
 
-    replaced : is called once for each node, operands first; it returns the node to put in its place, which is taken as
-    it is, or None to keep the operation. Nodes in which nothing has changed stay the same objects.
+    `replaced` is called once for each node, operands first; None keeps the operation.
     """
     new: dict[Node, Node] = {}
     for one in ordered(outputs):

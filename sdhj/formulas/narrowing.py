@@ -16,22 +16,15 @@ ZERO = constant(0.0)
 
 
 def where(condition: Node, one: Node, other: Node) -> Node:
-    """The node "one if condition else other", simplified.
-
-    Branches that may be undefined are first narrowed: made equal where the condition chooses them, with intervals cut
-    to what it says.
-    """
+    """The node "one if condition else other", with branches that may be undefined narrowed by the condition."""
     if one is not other:
         one, other = _narrowed(one, condition, True), _narrowed(other, condition, False)
     return make("where", condition, one, other)
 
 
 def quotient(a: Node, b: Node) -> Node:
-    """The node a / b, made of "share"s where that is possible: quotients that are cut to [-1, 1].
-
-    It is possible where a is made of parts of magnitude at most |b| (`_shares`), and b is plainly above 0: the maximum
-    of a constant above 0 and something, or the sum of a constant above 0 and something that is never negative.
-    """
+    """The node a / b, of "share"s where the parts of a are at most |b| in size and b is plainly above 0."""
+    # the maximum of a constant above 0 and something, or the sum of one and what is never negative
     above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
     share = _shares(a, b, {}) if kept else None
@@ -53,11 +46,9 @@ def squares(one: Node) -> list[Node] | None:
 
 
 def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
-    """A node that is equal to `branch` wherever the condition is true, and whose intervals are narrower.
+    """A node equal to `branch` wherever the condition holds (or does not), with narrower intervals.
 
-    holds : True; False for wherever the condition is false. Each inequality that then holds cuts nodes of the branch by
-    "min" and "max" (`_cuts`), and divisors that it keeps off 0 make quotients "share"s. `branch` itself comes back
-    where it is `total`, or has more than `MOST_NARROWED` nodes.
+    Each inequality that is then true cuts nodes by "min" and "max", and makes "share"s by divisors that it keeps off 0.
     """
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch
@@ -79,12 +70,7 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
 
 
 def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
-    """The cuts that a <= b allows, each (node, "min" or "max", bound).
-
-    Where a <= b, the minimum or maximum of the node and the bound is the node itself, with a narrower interval. With a
-    constant b the node is a, and also c if a is |c|; with a constant a it is b, unless b is never negative anyway;
-    otherwise the nodes are a - b and b - a.
-    """
+    """(node, "min" or "max", bound) for each cut that changes no value where a <= b."""
     if is_constant(b):
         inner = [(a.args[0], "min", b), (a.args[0], "max", make("neg", b))] if a.op == "abs" else []
         return [(a, "min", b), *inner]
@@ -94,11 +80,7 @@ def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
 
 
 def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, bool]]:
-    """Yield (a, b, strict) for each inequality, a < b if strict, else a <= b, that is sure where the condition is true.
-
-    holds : True; False asks what is sure where the condition is false. "not", "and" and "or" are taken apart where all
-    of their operands are sure; of "equal" only z = 0 being false is used, as 0 < |z|.
-    """
+    """Yield (a, b, strict) for each a < b or a <= b that is sure where the condition holds, or does not."""
     left, seen = [(condition, holds)], set[tuple[Node, bool]]()
     while left:
         one, holds = said = left.pop()
@@ -110,33 +92,26 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
         elif one.op in ("less", "lesseq"):
             a, b = one.args if holds else one.args[::-1]
             yield a, b, (one.op == "less") == holds
+        # z != 0 is 0 < |z|
         elif one.op == "equal" and not holds and ZERO in one.args:
             yield ZERO, make("abs", one.args[one.args[0] is ZERO]), True
 
 
 def _is_length(one: Node) -> bool:
-    """Whether a node is never negative by its operation (an absolute value, a square, a root, ...), or is a constant >=
-    0.
-    """
+    """Whether a node is never negative by its operation, as an absolute value or a root, or is a constant >= 0."""
     return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 
 def _is_nonzero(one: Node, nonzero: set[Node]) -> bool:
-    """Whether a divisor `one` is surely not 0.
-
-    nonzero : nodes that are known not to be 0. It is sure if the divisor or its absolute value is among these, or if it
-    is the root, negative or absolute value of a node of which it is sure.
-    """
+    """Whether a divisor is surely not 0, from nodes that are not."""
     inner = one.op in ("abs", "neg", "sqrt") and _is_nonzero(one.args[0], nonzero)
     return inner or one in nonzero or make("abs", one) in nonzero
 
 
 def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
-    """The quotient a / b made of "share"s, which are quotients cut to [-1, 1]; None where that is not possible.
+    """The quotient a / b, b not 0, made of "share"s where each part of a is plainly at most |b|, else None.
 
-    a must be made of parts whose magnitude is plainly at most |b| (`at_most`), by sums, differences, products with
-    anything and quotients by anything, and have at most `MOST_NARROWED` nodes. b must not be 0, which the caller knows.
-    new : {node: node to be put in its place}, for nodes below a, and for b.
+    `new` has the nodes to be put in place of those below a, and of b.
     """
     found = dict[Node, Any]()
     for one in ordered([a], MOST_NARROWED):
@@ -154,11 +129,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 
 
 def at_most(a: Node, b: Node) -> bool:
-    """Whether |a| <= |b| is plain from the form of the two nodes, wherever both are defined; False where it is not.
-
-    It is plain where a is a node c, or f(c) with |f(c)| <= |c| (`Rule.shrinks`), and b is c, -c or |c|, or a length,
-    maximum or sum of terms that are never negative, with such a b among them.
-    """
+    """Whether |a| <= |b| is plain from the form of the two nodes, wherever both are defined."""
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
     while RULES[a.op].shrinks:
         a = a.args[0]

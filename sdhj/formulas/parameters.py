@@ -14,12 +14,9 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a user's function: the state's first, then all others, whatever their names.
+    """The positional parameters of a user's function, which may be a partial: the state's first, then all others.
 
-    name : what the function is, for messages. function : also a partial. signature : that of the function. known : the
-    names that may stand after the state, such as "t". ValueError where the first parameter has the name of an input,
-    disturbance or time (the message shows both readings), and where one of the known names can be given by keyword
-    only.
+    ValueError where the first has the name of an input, disturbance or time: the message shows both readings.
     """
     every = signature.parameters.values()
     places = [p for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -45,12 +42,8 @@ def parameters_of(
 def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
     """Raise ValueError unless a user's function takes the arguments `first` and then `rest`, all by position.
 
-    name : what the function is, for the message. first : names for the state or a box of states, as ("points",) or
-    ("low", "high"); the function may call these as it likes, but the first not by the name of an input, disturbance or
-    time. rest : names such as "t".
-
-    A parameter in the position of an argument in `rest` must be called like it, or have no default and a name that is
-    neither in `KNOWN_NAMES` nor in `STATE_NAMES`. A compiled function that does not tell its parameters is not checked.
+    The state, or a box of states, may have any name but the first that of an input, disturbance or time; what stands in
+    the place of an argument in `rest` must be called like it, or by a name that means nothing and without a default.
     """
     takes = (*first, *rest)
     expected = f"{name} must be a function of ({', '.join(takes)})"

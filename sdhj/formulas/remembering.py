@@ -18,23 +18,15 @@ class ReadOnly:
 
 
 class Remembering(ReadOnly):
-    """Base class of objects that carry a cache of what other code has computed about them, filled by `remembered`.
-
-    The cache starts empty, is never emptied, and takes no part in comparing or pickling the object. Values are kept
-    under keys that the callers choose; no lock is held, so two threads may both compute one value.
-    """
+    """Base class of objects that carry a cache, neither compared nor pickled, of what others computed about them."""
 
     @cached_property
     def _remembered(self) -> dict[Any, Any]:
-        """The cache: {key: value}, empty at first."""
         return {}
 
     def remembered(self, key: Any, find: Callable[[], T]) -> T:
-        """Return the value kept under a hashable key; where there is none yet, call `find()` and keep what it returns.
-
-        The same object is returned each time, not a copy. `find` must give the same answer whenever it is called with
-        this key.
-        """
+        """The value kept under a hashable key, the same object each time; where there is none yet, that of `find()`."""
+        # without a lock: two threads may both compute one value
         if key not in self._remembered:
             self._remembered[key] = find()
         found: T = self._remembered[key]

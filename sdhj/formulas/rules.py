@@ -25,10 +25,9 @@ Make = Callable[..., Any]  # `graph.make`: make(name of an operation, *operands,
 class Rule:
     """One operation f of operands a, b and c, and all that is known of it.
 
-    That is: its NumPy functions, rounding error, domain, simplification, derivative and text. Where the kernels have no
-    rule of their own for its interval (`direct`), the interval follows from the values at the ends of the operands'
-    intervals, moved outward by `error`. Those are the extremes, because f rises with every operand or, if `falls`,
-    falls with the first one; if it is `absolute`, this holds of the operands' absolute values.
+    Unless the kernels have a rule of their own for its interval (`direct`), that follows from the values at the ends of
+    the operands' intervals, moved outward by `error`: f rises with every operand, or, if `falls`, falls with the first;
+    if it is `absolute`, with their absolute values.
     """
 
     name: str  # the operation's name in texts of formulas, and the field `op` of a node
@@ -59,26 +58,22 @@ class Rule:
     binds: int = -1  # how tightly it binds in mathematics, 0 least; -1: it is written as name(operands)
 
 
-# ---- how nodes are simplified: without a change of a value, or of where it is undefined
+# ---- how nodes are simplified (None: not at all): without a change of a value, or of where it is undefined
 
 
 def _is(one: Any, value: float) -> bool:
-    """Whether a node is the constant `value`."""
     return bool(one.op == "const" and one.value == value)
 
 
 def _add(make: Make, a: Any, b: Any) -> Any:
-    """The node a + b simplified: 0 + b = b, a + (-b) = a - b; None where nothing is simpler."""
+    """a + b: 0 + b = b, a + (-b) = a - b."""
     if _is(a, 0.0) or _is(b, 0.0):
         return b if _is(a, 0.0) else a
     return make("sub", a, b.args[0]) if b.op == "neg" else None
 
 
 def _sub(make: Make, a: Any, b: Any) -> Any:
-    """The node a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b.
-
-    None where nothing is simpler.
-    """
+    """a - b: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b."""
     if _is(b, 0.0):
         return a
     if a is b and a.total:
@@ -87,10 +82,7 @@ def _sub(make: Make, a: Any, b: Any) -> Any:
 
 
 def _mul(make: Make, a: Any, b: Any) -> Any:
-    """The node a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2.
-
-    None where nothing is simpler.
-    """
+    """a b: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2."""
     for one, other in ((a, b), (b, a)):
         if _is(one, 0.0) and other.total:
             return make(value=0.0)
@@ -102,27 +94,16 @@ def _mul(make: Make, a: Any, b: Any) -> Any:
 
 
 def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
-    """The node `where` simplified: of a constant condition, or between equal branches.
-
-    None where nothing is simpler.
-    """
+    """The branch that a constant condition chooses, or that both branches are."""
     if condition.op == "const":
         return condition if math.isnan(condition.value) else a if condition.value else b
     return a if a is b and condition.total else None
 
 
 def _but_for(op: str, neutral: float) -> Callable[..., Any]:
-    """Make the `Rule.simpler` of `op`, one of "min", "max", "and" and "or": op(a, a) = a, op(a, neutral) = a.
-
-    neutral : the constant that leaves the other operand as it is, as inf for "min".
-    """
+    """The `Rule.simpler` of "min", "max", "and" and "or": op(a, a) = a = op(a, neutral); constants are joined."""
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
-        """The node op(a, b) simplified; None where nothing is simpler.
-
-        It is a where a is b or b is the neutral constant, b where a is; and op(c, op(k, l)) for op(op(c, k), l) with
-        constants k and l.
-        """
         if a is b or _is(b, neutral):
             return a
         if a.op == op and b.op == "const" and a.args[1].op == "const":
@@ -132,71 +113,56 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
     return simpler
 
 
-# ---- derivatives, of operands a whose derivatives are d
+# ---- derivatives, of a node f whose operands a have the derivatives d
 
 
 def zero_where_constant(make: Make, one: Any) -> Any:
-    """A node whose interval over a box is 0 if that of the node `one` is a single number, and else undefined.
-
-    Its value at a point is 0.
-    """
+    """A node of value 0 whose interval over a box is 0 if that of `one` is a single number, and else undefined."""
     return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
 
 
 def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """The node (x y' - y x') / (x^2 + y^2), the derivative of arctan2(y, x) off its jump.
-
-    a : the operands (y, x). d : their derivatives (y', x').
-    """
+    """(x y' - y x') / (x^2 + y^2), the derivative of arctan2(y, x) off its jump; a = (y, x), d = (y', x')."""
     return make("div", make("sub", a[1] * d[0], a[0] * d[1]), make("sqr", a[1]) + make("sqr", a[0]))
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
-    """Derivative of a node f that is constant between jumps: 0, undefined in boxes where f may jump."""
+    """0, undefined in boxes where f, which is constant between jumps, may jump."""
     return zero_where_constant(make, f)
 
 
 def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a b)' = a' b + a b'. a : the two operands. d : their derivatives.
-
-    The term of an operand whose derivative is the node 0 is left out, also where the other operand may be undefined.
-    """
+    """(a b)' = a' b + a b'."""
     if (zero := make(value=0.0)) in d:  # 0 a would stay where a may be undefined
         return d[1] * a[0] if d[0] is zero else d[0] * a[1]
     return d[0] * a[1] + a[0] * d[1]
 
 
 def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a / b)' = (a' - f b') / b, for the node f = a / b. a : the two operands. d : their derivatives."""
+    """(a / b)' = (a' - f b') / b."""
     return make("div", d[0] if d[1] is make(value=0.0) else make("sub", d[0], f * d[1]), a[1])
 
 
 def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a^b)' = b a^(b - 1) a' + a^b log(a) b', for the node f = a^b. a : the two operands. d : their derivatives."""
+    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'."""
     base = a[1] * make("pow", a[0], make("sub", a[1], make(value=1.0))) * d[0]
     return base if d[1] is make(value=0.0) else base + f * make("log", a[0]) * d[1]
 
 
 def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0.
-
-    a : the operands (y, x). d : their derivatives.
-    """
+    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0."""
     cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
     return angle_rate(make, a, d) + cut
 
 
 def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """mod(a, b)' = a' - floor(a / b) b', undefined in boxes in which a / b passes a whole number.
-
-    a : the two operands. d : their derivatives.
-    """
+    """mod(a, b)' = a' - floor(a / b) b', undefined in boxes in which a / b passes a whole number."""
     laps = make("floor", make("div", *a))
     return make("sub", d[0], laps * d[1]) + zero_where_constant(make, laps)
 
 
 def _chord(make: Make, one: Any) -> Any:
-    """The node sqrt(1 - one^2)."""
+    """sqrt(1 - one^2)."""
     return make("sqrt", make("sub", make(value=1.0), make("sqr", one)))
 
 
@@ -316,12 +282,7 @@ RULES = {rule.name: rule for rule in (
 
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
-    """What kernels must know to bound operations by intervals: one row for each rule, at index `Rule.code`, read-only.
-
-    rules : their codes must be 0 to len(rules) - 1. The columns are FALLS to HIGHEST of `sdhj.kernels.tape`: falls,
-    absolute and direct (0 or 1), the relative error (2 error + 1) STEP (0 if exact), TINY if a value computed as 0 may
-    be another one, and the least and greatest values.
-    """
+    """What kernels must know to bound operations by intervals: (rules, `tape.COLUMNS`), row `Rule.code`, read-only."""
     out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP

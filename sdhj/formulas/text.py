@@ -23,10 +23,9 @@ CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so muc
 
 
 def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
-    """The lines of text of a formula's results: one line for each node, then "return" and the numbers of the results.
+    """The lines of a formula's results: one for each node, then "return" and the numbers of the results.
 
-    tables : the look-up tables that belong to the text, referred to by position; appended to in place where a node
-    looks up values that are not yet among them.
+    Tables that are looked up are appended to `tables` in place; lines refer to them by position.
     """
     order, lines = ordered(outputs), list[str]()
     number = {one: str(i) for i, one in enumerate(order)}
@@ -49,12 +48,7 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The results of a formula as nodes, from the lines of text that `written` makes; equal texts give the same nodes.
-
-    tables : arrays or `Lookup`s, referred to by position. coordinates, parameters : how many the formula may read. The
-    nodes are not simplified. ValueError, with the number of the line, where a line is not one that `written` could
-    write.
-    """
+    """The results as nodes, not simplified, from lines that `written` made; ValueError names a line that is wrong."""
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
     nodes: list[Node] = []
@@ -62,15 +56,10 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
     @cache  # where many nodes look up one table, it is copied and its digest computed once
     def table(number: int) -> Lookup:
-        """The values of table number `number` as a `Lookup`, made once; an array gets a grid from 0 with spacing 1."""
         found = tables[number]
         return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)
 
     def looked_up(number: str, *ends: str) -> Lookup:
-        """The `Lookup` of a line of text: the values of table `number` on the grid that the line states.
-
-        ends : the line's words "lower", the first nodes, "spacing", the distances; numbers are hexadecimal.
-        """
         cut = ends.index("spacing")
         lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
         return Lookup.of(table(_index(number, len(tables))), lower, spacing)
@@ -89,11 +78,9 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
 
 def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
-    """The node of one line of text, not simplified. ValueError, IndexError or OverflowError where the line is wrong.
+    """The node of one line of text, its first word and the others, from those of the lines above.
 
-    op : the first word, a name in `RULES`. words : the others; "power" has its exponent last, which is removed in
-    place. nodes : those of the lines above, which operands are numbers of. looked_up : makes a `Lookup` of a number and
-    the ends of its grid. limits : how many coordinates "x" and parameters "p" there are.
+    `looked_up` makes a `Lookup` of words; `limits` says how many coordinates "x" and parameters "p" there are.
     """
     value: Any = None
     if op not in RULES:
@@ -118,18 +105,15 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
 
 
 def _index(word: str, most: int) -> int:
-    """The whole number from 0 to most - 1 that a word spells in decimal digits; ValueError otherwise."""
+    """The whole number below `most` that a word spells in decimal digits; ValueError otherwise."""
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
         raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
 
 
 def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
-    """Whether two lists of nodes have graphs of one structure, with constants and tables that agree to a share `CLOSE`.
-
-    Structures are compared from the results downward: a node that is used twice may correspond to two nodes of the
-    other graph whose constants are nearly equal. Lists of different lengths are never alike.
-    """
+    """Whether two lists of nodes have graphs of one structure, whose constants and tables agree to a share `CLOSE`."""
+    # from the results downward: what is one node here may be two there, whose constants are nearly equal
     pairs, seen = list(zip(outputs, others, strict=False)), set[tuple[Node, Node]]()
     most = len(ordered(outputs)) + len(ordered(others))  # one structure has no more pairs
     while pairs and len(seen) <= most:
@@ -144,10 +128,7 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
-    """Whether the `value`s of two nodes agree: numbers and tables to a share `CLOSE`, anything else exactly.
-
-    Of a table: shapes exactly, values, lower ends and spacings to `CLOSE` of the largest of them.
-    """
+    """Whether the `value`s of two nodes agree: numbers and tables to a share `CLOSE`, anything else exactly."""
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
         return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)
@@ -158,12 +139,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     """Results as mathematics for people to read: first lines "name = ...", last one line for each result, without a
     name.
 
-    An expression of more than 12 characters that is used more than once is named by a letter, while there are letters;
-    another one that is longer than `LONG` and part of an expression is named by a number, as "[1]". Numbers are rounded
-    to six digits.
-
-    names : what the coordinates are called. parameters : what the parameters are called. Both must have all names that
-    are needed.
+    `names` and `parameters` say what coordinates and parameters are called; numbers are rounded to six digits.
     """
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)
@@ -171,7 +147,6 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     letters, numbers, lines, named = iter("abcdefghijklmnopqrs"), itertools.count(1), list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
-        """The operand `arg` as text, in parentheses where its operation binds less tightly than `rank`."""
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
         binds = -1 if text[arg] in named else RULES[op].binds
         return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"
@@ -198,6 +173,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
         else:
             bars = one.op == "abs" and "|" not in given[0]
             text[one] = f"|{given[0]}|" if bars else f"{one.op}({', '.join(given)})"
+        # what is used more than once gets a letter, while there are letters, and what is long a number
         name = next(letters, None) if uses[one] > 1 and len(text[one]) > 12 else None
         if name is None and len(text[one]) > LONG and uses[one]:
             name = f"[{next(numbers)}]"

@@ -45,63 +45,42 @@ def _joined(value: Any) -> Any:
 
 
 def _taking_lists(original: Any) -> Callable[..., Any]:
-    """Make a function that does what NumPy's `original` does, and also takes lists with traced arrays in them."""
+    """A function that does what NumPy's `original` does, and also takes lists with traced arrays in them."""
     return lambda *args, **options: original(*map(_joined, args), **options)
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
-    """numpy.array(value, dtype, copy=copy) of a traced array, or of a list or tuple with traced arrays in it: traced.
-
-    dtype : by default the array's own. copy : True for a writable copy; False or None for the traced array itself where
-    it has the dtype already and at least one dimension, else a copy. NotTraced where it cannot have the dtype, or a
-    list's arrays differ in shape.
-    """
+    """numpy.array of a traced array, or of a list or tuple with traced arrays in it: traced."""
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    """numpy.ascontiguousarray of a traced array, or of a list with traced arrays in it: traced, of one dimension at
-    least.
-
-    dtype : by default the array's own. The array itself is returned where it has the dtype, a dimension, and entries in
-    C order; else a copy.
-    """
+    """numpy.ascontiguousarray of a traced array, or of a list with traced arrays in it, of one dimension at least."""
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
 def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
-    """Make a function that calls `ours` where its first argument holds a traced array, else NumPy's `original`.
-
-    Both get all arguments. Errors of `ours` become NotTraced.
-    """
+    """A function that calls `ours` where its first argument holds a traced array, else NumPy's `original`."""
     known = raising_not_traced(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
-    """numpy.full: a new traced array of the shape of `room`, filled with a value; dtype : by default the value's.
-
-    room : a traced array, whose entries are not read. NotTraced where the value cannot be converted to the dtype.
-    """
+    """numpy.full: a new traced array of the shape of `room`, whose entries are not read, filled with a value."""
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
 def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
-    """Make the stand-in for np.zeros, ones, empty or full (`name`), whose arrays are traced where that is needed.
-
-    It is needed where the user will write traced values into them, which is guessed to be so where one of the lengths
-    is `rows`, the number of points, or where an argument is traced. trace : the number of the trace; outside of it, and
-    for dtype object, the stand-in is NumPy's function.
-    """
+    """The stand-in for np.zeros, ones, empty or full: traced if traced values may be written into the array."""
     original = getattr(np, name)
     filled = raising_not_traced(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
-        """NumPy's function of a shape and its other arguments; a traced array in the cases that `_allocating` names."""
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
+        # a guess: an array with a length of `rows`, the number of points, is for their values
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
             return original(shape, *args, **options)
         return filled(Traced(np.empty(lengths, object)), *args, **options)
@@ -110,14 +89,9 @@ def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
 
 def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any]:
-    """Make the stand-in for np.tile, np.repeat or np.broadcast_to (`original`), whose answer may be traced.
-
-    It is, so that traced values can be written into it, in the trace of number `trace`, if it is a float64 array with a
-    length of `rows`, the number of points. Otherwise it is NumPy's.
-    """
+    """The stand-in for np.tile, repeat or broadcast_to: traced if traced values may be written into the array."""
 
     def repeat(*args: Any, **options: Any) -> Any:
-        """The original's answer for these arguments, as a traced array in the cases that `_repeating` names."""
         answer = original(*args, **options)
         wanted = state.trace == trace and answer.dtype == np.float64 and rows in answer.shape
         return traced_array(answer) if wanted else answer
@@ -129,19 +103,14 @@ class _Joining:
     """Stands for np.c_ or np.r_, as in np.c_[a, b]: traced arrays are joined as columns, or along the first axis."""
 
     def __init__(self, original: Any) -> None:
-        """Stand for the given original, np.c_ or np.r_."""
         self.original, self.columns = original, original is np.c_
 
     def __getitem__(self, at: Any) -> Any:
-        """The arrays between the brackets joined: by `_join` if one of them is traced, else by the original."""
         return self._join(at) if holds_traced([at]) else self.original[at]
 
     @raising_not_traced
     def _join(self, at: Any) -> Any:
-        """The arrays `at`, one or a tuple, of which one is traced, joined.
-
-        np.c_ joins along the last axis, vectors as columns; np.r_ joins along the first.
-        """
+        """The arrays `at`, one or a tuple, joined: by np.c_ along the last axis, by np.r_ along the first."""
         parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
         if self.columns:
             parts = [one if one.ndim > 1 else one[:, None] for one in parts]
@@ -149,27 +118,20 @@ class _Joining:
 
 
 class _Replaced:
-    """Stands for the module numpy, or for something in it: some attributes are replaced, and all others are the
-    original's.
-    """
+    """Stands for the module numpy, or for something in it: some attributes are replaced, all others the original's."""
 
     def __init__(self, original: Any, new: dict[str, Any]) -> None:
-        """Stand for `original`, a module or a function. new : {name of an attribute: what replaces it}."""
         vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
-        """The attribute of that name of the original."""
         return getattr(vars(self)["_original"], name)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Call the original."""
         return vars(self)["_original"](*args, **options)
 
 
 def _numpy(rows: int) -> _Replaced:
-    """The stand-in for the module numpy in the trace that is under way, whose function is called with so many points
-    (rows).
-    """
+    """The stand-in for the module numpy in the trace that is under way, of a function called with `rows` points."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
@@ -182,11 +144,7 @@ def _numpy(rows: int) -> _Replaced:
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
-    """The dictionaries of globals in which a user's function, or those that it may call, look up the name `np`.
-
-    These are the function's own (of what a decorator or partial wraps), those of __main__, and those of the user's
-    modules. Compiled modules are left out: they take what np.empty returns for an array without asking.
-    """
+    """The dictionaries of globals in which a user's function, or those that it may call, look up the name `np`."""
     while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
         function = inner
     function = getattr(function, "__func__", function)
@@ -198,46 +156,37 @@ _looked: list[Any] = [[], []]  # through which modules; and what was in those of
 
 
 def _users_modules() -> list[dict[str, Any]]:
-    """The dictionaries of globals of the user's modules.
-
-    They are kept until a module has come or gone, since the search takes longer than a trace.
-    """
+    """The globals of the user's modules, kept until a module has come or gone: the search takes longer than a trace."""
     if _looked[0] != (modules := list(sys.modules.values())):
         _looked[:] = modules, [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
     return _looked[1]
 
 
 def _is_users(name: str, module: Any) -> bool:
-    """Whether a module is the user's: a Python file that is neither installed nor of this package.
-
-    `sdhj.arm` counts as a user.
-    """
+    """Whether a module is the user's: a Python file neither installed nor of this package but for `sdhj.arm`."""
+    # of a compiled module, which is left out, np.empty has to return an array: it does not ask
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
 
 
 def _names_of_numpy(function: Any) -> list[tuple[dict[str, Any], str]]:
-    """(globals, name) for each global name by which a user's function may find the module numpy.
-
-    A stand-in for numpy counts as numpy, so that one trace within another replaces it, too.
-    """
+    """(globals, name) for each global name by which a user's function may find the module numpy or a stand-in."""
     return [
         (names, name)
         for names in _globals_of(function)
         for name, value in list(names.items())
+        # one trace within another replaces the stand-in, too
         if value is np or (type(value) is _Replaced and value.__dict__["_original"] is np)
     ]
 
 
 @contextmanager
 def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[None]:
-    """A context in which `_numpy(rows)` stands for the module numpy in some dictionaries of globals.
+    """A context in which `_numpy(rows)` stands for the module numpy in the entries `places` of `_names_of_numpy`.
 
-    places : (globals, name) for each entry to replace, from `_names_of_numpy`; names that are gone are skipped. At the
-    end of the context the entries become what they were. rows : the number of points of the trace. Numba's compiler
-    lock is held meanwhile, so that no kernel is compiled whose code names numpy; other threads that compile, or trace,
-    wait.
+    Numba's compiler lock is held meanwhile, so that no kernel is compiled whose code names numpy; other threads that
+    compile, or trace, wait.
     """
     with global_compiler_lock:
         new, before = _numpy(rows), [(names, name, names[name]) for names, name in places if name in names]
@@ -254,10 +203,7 @@ def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[N
 
 
 def points_of(count: int, rows: int) -> Traced:
-    """The points with which a function of `count` coordinates is traced, a read-only traced array (rows, count).
-
-    Entry (row, k) is the leaf of coordinate k that belongs to point `row`; the nodes of point 0 make the formula.
-    """
+    """The points with which a function of `count` coordinates is traced, a read-only traced array (rows, count)."""
     entries = np.empty((rows, count), object)
     for row in range(rows):
         entries[row] = [leaf("x", k, row) for k in range(count)]
@@ -266,62 +212,30 @@ def points_of(count: int, rows: int) -> Traced:
 
 
 def parameter(first: int, count: int | None = None) -> Traced:
-    """Parameter number `first` as a read-only traced number.
-
-    count : if it is given, the result is a read-only traced array (count,) of the parameters from `first` on.
-    """
+    """Parameter number `first` as a read-only traced number; with a count, an array (count,) from it on."""
     entries = np.array([leaf("p", first + d) for d in range(count or 1)], dtype=object)
     entries.setflags(write=False)
     return Traced(entries if count is not None else entries.reshape(()))
 
 
 def rows_for(*lengths: int) -> int:
-    """How many points to trace with: the least number from 3 on such that neither it nor the next one is among these
-    lengths.
-
-    lengths : those of axes that a function may confuse with the number of points. `traced` calls a function with the
-    returned number of points and with the next one.
-    """
+    """How many points to trace with: neither it nor the next one is the length of an axis, to confuse it with."""
     return next(rows for rows in itertools.count(3) if not {rows, rows + 1}.intersection(lengths))
 
 
 def traced(
     name: str,
     function: Callable[..., Any],
-    rows: int,
-    arguments: Callable[[int], Sequence[Any]],
-    shape: Sequence[int] | None,
-    per_point: bool,
+    rows: int,  # from `rows_for`
+    arguments: Callable[[int], Sequence[Any]],  # of the number of points
+    shape: Sequence[int] | None,  # of the answer for one point; () for a level set, None for any
+    per_point: bool,  # whether the answer has a leading axis for the points
     again: bool = True,
 ) -> tuple[list[Node], tuple[int, ...]]:
     """The nodes of a function's answer for one point, flattened, and the shape of that answer.
 
-    The function is called with `rows` points and, if `again`, with one more: its answer must not depend on their
+    The function is called with `rows` points and, if `again`, with one more; its answer must not depend on their
     number, on chance or on earlier calls, nor may that for one point depend on another point.
-
-    Parameters
-    ----------
-    name : str
-        What the function is, for messages.
-    function : callable
-    rows : int
-        How many points to trace with, from `rows_for`.
-    arguments : callable
-        arguments(number of points) -> the function's arguments: traced arrays, numbers or read-only arrays.
-    shape : sequence of int, or None
-        Of the answer for one point; () for a level set, None for any.
-    per_point : bool
-        Whether the answer has a leading axis for the points. An answer that reads no coordinate may lack it: it has
-        this `shape`, which must not be (), or one axis where `shape` is None.
-    again : bool
-        Whether the function is called a second time.
-
-    Raises
-    ------
-    NotTraced
-        If the function does something that formulas do not know, or treats points differently.
-    ValueError
-        If its answer has another shape, is None or has truth values.
     """
     found, places = list[list[Node]](), _names_of_numpy(function)
     try:
@@ -356,11 +270,7 @@ def traced(
 
 
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
-    """Whether a function answers for point number `row` as for point 0, each with its own coordinates.
-
-    first, other : the nodes of the answers for point 0 and for point `row`, equally many. False, too, where the answer
-    for a point reads a coordinate of another one.
-    """
+    """Whether a function answers for point `row` as for point 0, each with its own coordinates and no other's."""
     pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
     for one, its in pairs:  # to which operands are added
         if known.get(one) is its:
@@ -384,12 +294,7 @@ def _traced_answer(
 ) -> Any:
     """Call a user's function once, as a trace of its own, and return its answer as an object array of nodes.
 
-    name : what the function is, for messages. rows : the number of points. arguments : arguments(rows) -> its
-    arguments. places : (globals, name) for each entry in which numpy is replaced meanwhile, from `_names_of_numpy`. The
-    thread's `state` is set for the trace and restored after it.
-
-    NotTraced where anything was refused meanwhile, even if the function caught it; else the function's own exception,
-    with a note that says when it was raised. ValueError for None and for truth values.
+    NotTraced where anything was refused meanwhile, else the function's own exception, with a note.
     """
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0
