@@ -24,8 +24,7 @@ Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
     """The derivatives of the nodes `outputs` by the leaf `by`, a coordinate or parameter, as nodes.
 
-    Their intervals over a box bound every slope in it, and are undefined where an output may jump or be infinitely
-    steep.
+    Their intervals over a box bound every slope in it; they are undefined where an output may jump.
     """
     found: Found = {}
     for one in ordered(outputs):
