@@ -88,10 +88,7 @@ class Moment:
         return self.interval.bounds(self.inputs, self.time)
 
     def gain(self, states: FloatArray) -> FloatArray:
-        """The matrices that map v to its part of the velocity at states (M, ndim): (M, ndim, D).
-
-        Row m is under the input of run m, now.
-        """
+        """The matrices (M, ndim, D) that map v to its part of the velocity at states (M, ndim), each run's."""
         return self.interval.gain(states, self.inputs, self.time)
 
     def predicted(self) -> FloatArray:
@@ -109,23 +106,12 @@ def first_moment(
     inputs: FloatArray,
     to_go: FloatArray,
     step: int,
-    now: float,
+    now: float,  # which with jitter is other than t_step
     runs: FloatArray,
     rng: np.random.Generator,
-    left: FloatArray | None = None,
+    left: FloatArray | None = None,  # the steps to go of the tube that has to hold the state at the end
 ) -> Moment:
-    """The moment at which an interval of M runs begins, for the adversary, with v = 0 before.
-
-    table : whose tubes of step + 1 the moment's `tube` evaluates.
-    problem : the robot's, with the sensing that is simulated.
-    states : (M, ndim).
-    inputs : (M,) int, held over the interval.
-    to_go : (M,) int, the steps to go by which they were chosen.
-    now : the time, s, which with jitter is other than t_step.
-    runs : (M,) int, the numbers of the runs.
-    left : (M,) int, the steps to go of the tube that has to hold the state at the interval's end; by default one fewer
-        than `to_go`, at least 0, or, without a target, all that are left.
-    """
+    """The moment at which an interval of M runs begins, for the adversary, with v = 0 before."""
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.has_no_target else np.maximum(to_go, 1) - 1
     times = now, problem.delta, problem.delta / SUBSTEPS  # now, until the end of the interval, and of a substep
@@ -139,23 +125,15 @@ def none(moment: Moment) -> FloatArray:
 
 
 def random(moment: Moment) -> FloatArray:
-    """A disturbance drawn uniformly from its box at each sampling time and held over the interval (Sec. 5.5): (M, D).
-
-    Where the box shrinks within the interval, it is clipped to it.
-    """
+    """A disturbance drawn uniformly from its box at each sampling time, held over the interval (Sec. 5.5): (M, D)."""
     if moment.substep > 0:
+        # the box may shrink within the interval
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
 
 
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
-    """[g, change_1, ..., change_D], each (M,): the level-set function of an unsafe set, and how v changes it.
-
-    g is the value at the states, inf for runs under whose input the set is not unsafe. change_d is by how much the
-    value changes if component d of v alone moves the states by push[:, :, d].
-
-    states : (M, ndim), one for each run. t : s. push : (M, ndim, D).
-    """
+    """An unsafe set's level g, inf where it is safe, and the changes by each push[:, :, d] (M, ndim): (M,) each."""
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
     value, *moved = moment.problem.value_of(unsafe_set, trials, t).reshape(-1, len(states))
@@ -167,8 +145,8 @@ def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float
 def aggressive(moment: Moment) -> FloatArray:
     """The pursuer of Sec. 6.1: the vertex of the box of v that most reduces the distance to the unsafe sets now.
 
-    Each component of v has the sign that reduces the level-set function of the nearest unsafe set that it affects; 0 if
-    it affects none.
+    Each component has the sign that reduces the function of the nearest unsafe set that it affects; 0 if it affects
+    none.
     """
     states, sets = moment.states, moment.problem.unsafe
     if not sets:
@@ -185,9 +163,8 @@ def aggressive(moment: Moment) -> FloatArray:
 def worst(moment: Moment) -> FloatArray:
     """The vertex of the box of v that, held until the interval's end, is worst for the robot: (M, D).
 
-    It maximises the larger of two numbers at the interval's end, to first order in v: the level-set value of the tube
-    to be reached, and the negative of the least level-set value of the unsafe sets. Of equals it is that of the least
-    clearance, and of these the first. It is chosen anew at every substep.
+    It maximises, to first order in v, the larger of the tube's level there and of the negative least level of the
+    unsafe sets; of equals it is that of the least clearance, and of these the first.
     """
     predicted, bounds, end = moment.predicted(), moment.bounds, moment.time + moment.remaining
     push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
@@ -204,10 +181,7 @@ def worst(moment: Moment) -> FloatArray:
 def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
     """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,).
 
-    inf past a safe end, where nothing matters any longer, and where there is neither a set nor an unsafe end.
-
-    states : (M, ndim). t : s.
-    inputs : (M,) int, by index; of each state only the sets count that are unsafe under its input.
+    Only sets count that are unsafe under each state's input; inf past a safe end, and where there is neither.
     """
     grid = problem.grid
     low, high = grid.faces("fails")
@@ -219,12 +193,10 @@ def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, in
 def greedy(moment: Moment) -> FloatArray:
     """The vertex of the box of v, or 0, that comes nearest to what is unsafe if held until the interval's end: (M, D).
 
-    Nearest is the least value of `level_of_unsafe` on simulated paths, at `STRIDES` instants; of equals it is the
-    first, vertices before 0. It decides `TURNS` times in an interval, and in between keeps the last disturbance,
-    clipped to its bounds.
+    Nearest is the least `level_of_unsafe` on simulated paths; of equals it is the first, vertices before 0.
     """
     # with 0 it holds a state on a ridge of the game's value, as straight ahead of a car
-    if moment.substep % (SUBSTEPS // TURNS):
+    if moment.substep % (SUBSTEPS // TURNS):  # in between it keeps what it has decided
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
     still, count = np.zeros(moment.bounds.shape[1]), len(moment.states)
     signs = np.concatenate([at_vertices(still, np.eye(len(still))), still[None]])
@@ -239,7 +211,7 @@ def greedy(moment: Moment) -> FloatArray:
 
 
 def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
-    """value +- each of D changes, which have its shape, in all combinations: (2^D, *value.shape), a new array.
+    """value +- each of D changes, which have its shape, in all combinations: (2^D, *value.shape), new.
 
     The first is all minus; the sign of the last change alternates fastest.
     """
@@ -293,27 +265,22 @@ class Sight:
 def states_under_vertices(
     seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray
 ) -> FloatArray:
-    """Where states (M, ndim) are after time spans (M,), s, at each vertex of the disturbance box: (2^D, M, ndim).
-
-    To first order: with the velocities at the states and at time t, s.
-
-    seen : whose problem and step are used. inputs : (M,) int, by index. span : (M,), s.
-    """
+    """Where states are after time spans (M,) at each vertex of the disturbance box, to first order: (2^D, M, ndim)."""
     interval = seen.problem.interval(seen.step)
     push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
     return at_vertices(states + span[:, None] * interval.undisturbed(states, inputs, t), np.moveaxis(push, 2, 0))
 
 
 def mislead_worst(sight: Sight) -> FloatArray:
-    """The measurement errors (M, ndim), each 0 or a vertex of the box, for which the controller's input is worst.
+    """The measurement errors (M, ndim), 0 or a vertex of the box, for which the controller's input is worst.
 
-    Worst is no input at all, or else the input under which the tube's value at the interval's end, at the worst vertex
-    of the disturbance box, is largest. Of errors that are equally bad it is the first, 0 before the vertices.
+    Worst is no input, or else the one under which the tube's value at the interval's end is largest, at the worst v.
     """
     problem, count = sight.problem, len(sight.states)
     vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
     best, score_of_best = np.zeros_like(sight.states), np.full(count, -np.inf)
     t, span = problem.time(sight.step), np.full(count, problem.delta)
+    # of errors that are equally bad the first counts, 0 before the vertices
     for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
         errors = np.tile(vertex, (count, 1))
         inputs, to_go = sight.ask(errors)
@@ -342,18 +309,12 @@ def shift_worst(moment: Moment) -> FloatArray:
 
 @dataclass(frozen=True)
 class BuiltIn:
-    """An adversary that has a name, with its three choices; without a `Sensing` only the first is asked.
-
-    name : by which `sdhj.simulate` knows it.
-    push : of a `Moment` the disturbances (M, D).
-    mislead : of a `Sight` the errors of the measurements (M, ndim).
-    shift : of a `Moment`, -1, 0 or 1 for each run, (M,): the next input starts early, on time or late, by the jitter.
-    """
+    """An adversary that has a name, with its three choices; without a `Sensing` only the first is asked."""
 
     name: str
     push: Adversary
-    mislead: Callable[[Sight], FloatArray]
-    shift: Callable[[Moment], FloatArray]
+    mislead: Callable[[Sight], FloatArray]  # the errors of the measurements (M, ndim)
+    shift: Callable[[Moment], FloatArray]  # -1, 0 or 1, (M,): the next input starts early, on time or late
 
     def __call__(self, moment: Moment) -> FloatArray:
         """The disturbances (M, D) of M runs at a moment: those of `push`."""

@@ -82,7 +82,6 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        """Make the spaces: of the table's states with the step, and of its inputs. No run has begun; call `reset`."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
@@ -96,8 +95,6 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         """Start at step 0 from options["state"] (ndim,), or from a random state of the tube outside the target.
 
         Returns the observation and `info`. ValueError if the state does not fit or no state can be drawn.
-
-        seed : of the random numbers from here on; None: they go on, or are seeded by the system the first time.
         """
         super().reset(seed=seed)
         problem = self.table.problem
@@ -115,8 +112,8 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Simulate one interval with the input of index `action` against the adversary; after `reset`.
 
-        Returns the observation (ndim + 1,), the reward, whether the run terminated, whether it was truncated, and
-        `info`. ValueError if `action` is not an index into problem.inputs, or the run is over.
+        Returns the observation (ndim + 1,), the reward, whether the run terminated or was truncated, and `info`.
+        ValueError if `action` is not an index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")

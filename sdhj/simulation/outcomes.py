@@ -33,22 +33,10 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 def play_interval(
     first: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Simulate M runs over some substeps of an interval.
+    """States (M, ndim), outcomes (M,) and last disturbances (M, D) of M runs after some substeps of an interval.
 
-    Returns the states at the end (M, ndim), outcomes (M,) int and the last disturbances (M, D). An outcome is
-    `COLLIDED`, `OFF`, without a target `REACHED` past a safe end, or `UNDECIDED`; where several apply, the first of
-    these. A run stops where it has left the grid, as its velocities are not known there; others that are decided are
-    still simulated, and their states change, until all are decided or the substeps are over.
-
-    Collisions are looked for after each substep, of sets that something may pass through in a substep also on the way
-    (`_least_between`); at the start of an interval only of sets that are unsafe under some inputs alone.
-
-    first : the moment before the first of `substeps`; the adversary is given read-only arrays.
-    play : the adversary.
-    watch : called after each substep, if it is given: see `Watch`.
-    substeps : the numbers of the substeps, a range.
-
-    ValueError where the adversary exceeds its bounds.
+    Outcomes are `COLLIDED`, `OFF`, past a safe end without a target `REACHED`, or `UNDECIDED`, the first that applies;
+    runs that are decided go on until all are, but stop off the grid, where no velocity is known.
     """
     problem, inputs = first.problem, first.inputs
     # adversaries only read
@@ -95,11 +83,7 @@ def play_interval(
 def _fast_sets(first: Moment) -> list[UnsafeSet]:
     """The unsafe sets of a problem that may pass a state between two substeps, unseen at both.
 
-    A set is in the list if its level-set function g changes in a substep by more than `FAST` of max -g, or if no state
-    that is looked at is in it. These are `DRAWN` random states (of seed 0) at each of three steps; the change is that
-    where each coordinate changes at its greatest speed, in a random direction.
-
-    first : a moment of the runs, for the problem and the length of a substep.
+    In a substep g changes by more than `FAST` of max -g, or none of the random states looked at is in the set.
     """
     problem, h, rng = first.problem, first.duration, np.random.default_rng(0)
     grid, found = problem.grid, list[UnsafeSet]()
@@ -107,6 +91,7 @@ def _fast_sets(first: Moment) -> list[UnsafeSet]:
         deepest = change = 0.0
         for step in {0, problem.most_steps // 2, problem.most_steps - 1}:
             points, t = rng.uniform(grid.lower, grid.upper, (DRAWN, grid.ndim)), problem.time(step)
+            # at the greatest speed of each coordinate, in a random direction
             moved = points + h * problem.interval(step).speeds * rng.choice([-1.0, 1.0], points.shape)
             moved = np.where(grid.periodic, moved, np.clip(moved, grid.lower, grid.upper))
             before, after = problem.value_of(unsafe_set, points, t), problem.value_of(unsafe_set, moved, t + h)
@@ -119,15 +104,8 @@ def _fast_sets(first: Moment) -> list[UnsafeSet]:
 def _near(
     first: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
-    """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool, new.
-
-    False, without a bound, where a black box declares too little for bounds.
-
-    first : a moment of the runs, for the problem, the inputs and the length of a substep.
-    states : (M, ndim), at time t, s.
-    asked : (M,) bool, the runs that are looked at; others are False. By default those under whose inputs the set is
-        unsafe.
-    """
+    """Which of M runs, of those `asked`, an unsafe set may come to in so many substeps from t, by bounds: (M,) bool."""
+    # by default of the runs under whose inputs the set is unsafe
     found = unsafe_set.counts(first.inputs) if asked is None else asked.copy()
     far, some = first.duration * substeps * first.interval.speeds, np.flatnonzero(found)
     start = first.problem.grid.clipped(states[some], "frees") - far
@@ -141,15 +119,12 @@ def _may_meet(
 ) -> FloatArray:
     """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool.
 
-    Also True where a box crosses the end of a periodic axis; False for all where a black box does not declare enough
-    for a bound.
-
-    points, moved : (M, ndim), of all axes of the problem.
-    times : the begin and the end of the time in which the set may be met, s.
+    False for all, unproved, where a black box does not declare enough for a bound.
     """
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
     low, high = start + np.minimum(by, 0.0), start + np.maximum(by, 0.0)
+    # a box over the end of a periodic axis is left open
     over_seam = np.array(grid.periodic) & ((low < grid.lower) | (high > grid.upper))
     try:
         least = unsafe_set.level_set.bounds_by_branch(low, high, times)[0]
@@ -167,13 +142,9 @@ def _least_between(
     h: float,
     halvings: int = HALVINGS,
 ) -> FloatArray:
-    """The least value of g that is found on the straight ways from points at t to points + moved at t + h: (M,).
+    """The least g found on the straight ways from points at t to points + moved at t + h: (M,), inf where none is.
 
-    g is the level-set function of the unsafe set. Where bounds leave open whether the set is met, g is evaluated at the
-    middle of a way, and then likewise on both halves, `halvings` times at most, until it is <= 0. inf where nothing was
-    evaluated.
-
-    points, moved : (M, ndim). t, h : s.
+    Ways are halved, `halvings` times at most, while bounds leave open whether the set is met.
     """
     out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, unsafe_set, points, moved, (t, t + h)))
     if halvings and left.size:
@@ -187,11 +158,7 @@ def _least_between(
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
-    """A copy of the disturbance v that an adversary returned, (M, D) float64.
-
-    ValueError unless it is an array of real numbers of the shape of bounds (M, D) with |v| <= bounds, up to rounding,
-    1e-12 of the bounds; a NaN is refused, too.
-    """
+    """A copy of the v (M, D) that an adversary returned; ValueError unless |v| <= bounds, up to rounding."""
     v = real_array("what the adversary returns", v)  # a copy: it is read again
     if v.shape != bounds.shape:
         raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")

@@ -47,19 +47,16 @@ class Played:
 
     Attributes
     ----------
-    runs : int
-        How many were simulated.
-    lost : int
-        How many of them did not end as "reached".
+    runs, lost : int
+        How many were simulated, and how many of them did not end as "reached".
     adversary : str
         Its name.
     ways : mapping of str to int
         How many runs were lost in each way, the most frequent first; a way names the outcome, and the unsafe set, or
         the axis whose end was crossed.
-    outside : int
-        How many runs began outside the target, so that anything had to be done; all without a target.
-    outside_lost : int
-        How many of these were lost.
+    outside, outside_lost : int
+        How many runs began outside the target, so that anything had to be done (all without a target), and how many of
+        these were lost.
     advice : str
         What would reduce the losses, in sentences; "" where no run was lost.
     """
@@ -84,7 +81,6 @@ class Played:
         return max(self.interval[0], outside[0]) > ALARMING
 
     def __str__(self) -> str:
-        """How many runs were lost, how, and what would help, in sentences."""
         return str(self.finding(""))
 
     def finding(self, opening: str) -> Finding:
@@ -101,10 +97,7 @@ class Played:
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
-    """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help.
-
-    This is `sdhj.table.batches.Table.played`, which explains arguments and errors, as a function of the table.
-    """
+    """`sdhj.table.batches.Table.played`, which explains arguments and errors, as a function of the table."""
     controller, play = Controller(table), adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     return _played(controller, admissible_states(controller, runs, rng), play, rng, steps)
@@ -113,19 +106,11 @@ def played(
 def _played(
     controller: Controller, starts: FloatArray, play: Adversary, rng: np.random.Generator, steps: int | None = None
 ) -> Played:
-    """Simulate a run of a controller from each of some states (M, ndim) at step 0, M > 0, and count what is lost.
-
-    `Played.advice` is "" if no run was lost. play, steps : as for `sdhj.table.batches.Table.played`.
-    """
+    """Simulate a run of a controller from each of some states (M, ndim) at step 0, M > 0, and count what is lost."""
     table, runs = controller.table, len(starts)
-    places: dict[int, str] = {}
+    places: dict[int, str] = {}  # by run: the set that it first touches, or the axis past whose end it leaves
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
-        """Note in `places`, by the run's number, the set that it first touches, or the axis past whose end it leaves.
-
-        A `Watch`: it is given the moment before a substep, the disturbances, the new states (M, ndim), and the least
-        level-set value of the unsafe sets (M,).
-        """
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
@@ -140,22 +125,22 @@ def _played(
     )
     problem = table.problem
     outside = np.ones(runs, np.bool_) if problem.has_no_target else problem.target_value(starts, problem.time(0)) > 0
-    left_it = int(outside[lost].sum())
+    outside_lost = int(outside[lost].sum())
     advice = ""
     if ways:
         hopeless = (
-            left_it > 0 and outside.sum() >= FEW_OUTSIDE and not _target_reachable_in_a_step(problem, starts[outside])
+            outside_lost > 0
+            and outside.sum() >= FEW_OUTSIDE
+            and not _target_reachable_in_a_step(problem, starts[outside])
         )
         advice = HOPELESS if hopeless else _advice(table, ways, runs)
-    return Played(runs, len(lost), name_of(play), dict(ways.most_common()), int(outside.sum()), left_it, advice)
+    return Played(runs, len(lost), name_of(play), dict(ways.most_common()), int(outside.sum()), outside_lost, advice)
 
 
 def _target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:
-    """Whether from any of these states (M, ndim) at step 0 some input may lead into the target at step 1.
+    """Whether from any of these states (M, ndim) some input leads into the target in a step, by corners of the box.
 
-    The target must contain all corners of the box that the input and any v lead to; a promise needs that, and more.
-    Only the first states are looked at, as many as have `MOST_CORNERS` numbers; False if M = 0. The problem
-    must have a target.
+    A promise needs that, and more. Only the first states are looked at, as many as have `MOST_CORNERS` numbers.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
@@ -166,12 +151,7 @@ def _target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) 
 
 
 def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
-    """The name of the unsafe set that a run has met, or of the axis past whose unsafe end it has left.
-
-    state : (ndim,), at time t, s.
-    met : if true, the name is that of the set whose level-set function is least, of those that are unsafe under input
-        j; else of the axis past whose unsafe end the state is farthest.
-    """
+    """The name of the unsafe set that a run has met, under input j, or of the axis past whose end it has left."""
     problem, grid = table.problem, table.grid
     if met:
         inside = grid.clipped(state[None], "frees")
@@ -187,10 +167,7 @@ def _advice_on_gaps(table: Table) -> str:
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
-    """A sentence or two on how the losses may be reduced.
-
-    ways : how many of the `runs` were lost in each way, as `Played.ways`.
-    """
+    """A sentence or two on how the losses of `runs`, counted by their ways, may be reduced."""
     problem, grid, said = table.problem, table.grid, []
     if sum(ways.values()) >= ALARMING * runs and (remedy := _advice_on_gaps(table)):
         return f'{remedy}; or method="certified", which proves what it promises'
@@ -215,18 +192,16 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
 
 
 def check_by_runs(table: Table) -> dict[str, Any]:
-    """Check a solved table on a grid by simulated runs, and warn of an empty tube or broken promises.
+    """Warn of an empty tube or broken promises of a solved table; returns {'played': counts} for its details.
 
-    Returns {"played": counts} for its details, a dict of plain values; {} for a tube with less than `NEARLY_EMPTY` of
-    the volume, from which nothing is simulated. There are `FEWEST_PLAYED` to `MOST_PLAYED` runs, more after a longer
-    solve.
+    It is {} for an empty tube, from which nothing is simulated.
     """
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
         tell(_cause_of_empty_tube(table, share))
     if share < NEARLY_EMPTY:
         return {}
-    mean = max(table.steps / 2, 1)
+    mean = max(table.steps / 2, 1)  # steps of a run
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if table.problem.has_no_target:
@@ -235,7 +210,6 @@ def check_by_runs(table: Table) -> dict[str, Any]:
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
-        """The worst adversary, which keeps its decision for `DECIDES` substeps, clipped to its bounds."""
         again = moment.substep % DECIDES == 0
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
@@ -247,10 +221,9 @@ def check_by_runs(table: Table) -> dict[str, Any]:
 
 
 def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
-    """Play `runs` runs of all steps against a greedy adversary, for a table without a target, and warn of what is lost.
+    """Counts of runs of a table without a target against a greedy adversary, with a warning of what is lost.
 
-    Half of them begin within a cell of the tube's boundary, where errors of a grid add up from step to step. Returns
-    the counts of the other half for the table's details, and beside them "boundary" and "boundary_lost".
+    Half of the runs begin within a cell of the boundary, where errors of a grid add up from step to step.
     """
     controller, rng, play = Controller(table), np.random.default_rng(0), ADVERSARIES["greedy"]
     half = -(-runs // 2)
@@ -271,7 +244,7 @@ def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
 def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -> FloatArray:
     """Up to `count` states (M, ndim) of the tube of all steps from which some cell along an axis leads out of it.
 
-    They are what is found among `BESIDE_DRAWN` states of the grid, so that M may be 0.
+    They are what is found among `BESIDE_DRAWN` states, so that M may be 0.
     """
     grid, steps = table.grid, table.steps
     states = rng.uniform(grid.lower, grid.upper, (BESIDE_DRAWN, grid.ndim))
@@ -284,13 +257,7 @@ def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -
 
 
 def _cause_of_empty_tube(table: Table, share: float) -> Finding:
-    """The finding on a tube that holds next to nothing, a `share` of the state space: a likely cause, and what helps.
-
-    Causes are tried in this order, and the first that applies is named: with method "projected" the projections, if
-    some input stays clear from more than `NEARLY_EMPTY` of the states; that no input stays clear for one interval;
-    errors of a `Sensing` that cost more than inputs change; and else that no input makes progress. They are looked for
-    at `EMPTIED_STATES` random states (of seed 0), by the avoid tubes of step 0 and `_target_reachable_in_a_step`.
-    """
+    """The finding on a tube with next to nothing, a `share` of the state space: a likely cause, and what helps."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.has_no_target else ", no more than the target itself" if share else ""

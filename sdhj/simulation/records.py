@@ -88,9 +88,6 @@ class RecordedBounds:
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Several lines: bounds and measurement error, how likely they are exceeded, and what the model does not
-        explain.
-        """
         lines = [f"{len(self.peaks)} records, confidence {self.confidence:.0%}"]
         for d, (low, seen, high) in enumerate(zip(self.least, self.peaks.max(axis=0), self.bounds, strict=True)):
             lines.append(f"v[{d}]: at least {low:.4g}, largest recorded {seen:.4g}, bound {high:.4g}")
@@ -203,12 +200,10 @@ def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
 
 
 def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
-    """The most that the probability can be, with a confidence, that another record exceeds the largest of `count`
-    records.
+    """The most that the probability can be, with a confidence, that another record exceeds all of `count`.
 
-    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, with n = count and m = quantities, any one
-    of which may be exceeded; 1 where there are not more records than quantities. ValueError where `count` or
-    `quantities` is no whole number of at least 1.
+    It is the eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, n = count, m = quantities; 1 if n <=
+    m.
     """
     count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
     low, high = 0.0, 1.0
@@ -222,10 +217,7 @@ def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
 def _measured(
     problem: ReachAvoidProblem, tables: list[FloatArray], miss: float, error: Any, rest: Any, better: Any
 ) -> tuple[list[FloatArray], FloatArray]:
-    """The records whose states are nearest the true ones, and the bound (ndim,) on the error of measurement.
-
-    Each bound that is found may be exceeded with the probability `miss`.
-    """
+    """The records whose states are nearest the true ones, and the bound (ndim,) on the error of measurement."""
     ndim = problem.grid.ndim
     if better is not None:
         seen = [_record(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
@@ -244,8 +236,7 @@ def _measured(
 def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
     """Upper bounds (m,) on m quantities, each exceeded with probability `miss`, from n >= 2 recorded values (n, m).
 
-    x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), for the largest x_1 >= x_2 >= ... of a quantity and k = min(`LARGEST`,
-    n).
+    They are x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), for the largest x_1 >= x_2 >= ... and k = min(`LARGEST`, n).
     """
     ordered = np.sort(values, axis=0)
     k = min(LARGEST, len(values))
@@ -276,11 +267,10 @@ def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) 
 def _pushes(
     problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """|v| (T, D) of all samples, how much errors may have changed it (T, D), and what no push explains (T, ndim).
+    """Of all samples |v| (T, D), how much errors may have changed it (T, D), and what no push explains (T, ndim).
 
-    v solves y_{i+1} = flow(y_i, u_i, v; dt) by Newton's method with the pseudoinverse B^+ of the gain; |v| is -inf
-    where the gain does not tell a component from the others. Errors may change it by |B^+| (e + w(dt)) / dt, with w at
-    the longest dt. What is left counts as 0 below `INTEGRATED` of an axis.
+    It solves y_{i+1} = flow(y_i, u_i, v; dt) by Newton's method with the pseudoinverse B^+ of the gain; errors may
+    change it by |B^+| (e + w(dt)) / dt.
     """
     ndim, D = problem.grid.ndim, problem.dynamics.disturbance_dim
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
@@ -297,12 +287,13 @@ def _pushes(
             ends = _flow(interval, states[rows], inputs[rows], v[rows], t, spans[rows])
             left[rows] = _difference(problem, after[rows, 1 : 1 + ndim], ends)
             v[rows] += np.einsum("mdi,mi->md", inverse, left[rows]) / spans[rows]
-    inverse, longest = np.linalg.pinv(gain), float(spans.max())
+    inverse, longest = np.linalg.pinv(gain), float(spans.max())  # w is that of the longest dt
     slope, _, jumps = lipschitz_bounds(problem.grid, problem.dynamics, float(times.max()), longest)
     blur = error + growth_bound(slope, jumps, error, longest)
     told = np.abs(inverse @ gain - np.eye(D)).max(axis=2) < SAME_INPUT
     beyond = np.abs(left) - np.abs(np.eye(ndim) - gain @ inverse) @ blur
     small = INTEGRATED * (np.array(problem.grid.upper) - problem.grid.lower)
+    # -inf where the gain does not tell a component from the others
     return np.where(told, np.abs(v), -np.inf), np.abs(inverse) @ blur / spans, np.where(beyond > small, beyond, 0.0)
 
 

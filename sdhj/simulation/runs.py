@@ -72,7 +72,6 @@ class Trajectory:
     outcome: str
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
         read_only((self.times, self.states, self.inputs, self.steps_to_go, self.disturbances))
 
     @property
@@ -104,11 +103,10 @@ class Report:
 
     Attributes
     ----------
-    runs : int
-        How many were simulated.
+    runs, seed : int
+        As given.
     adversary, rule, method : str
         Their names; `method` is that of the table.
-    seed : int
     counts : mapping of outcome to int
         How many runs had each outcome; see `Trajectory`.
     starts : (runs, ndim) array
@@ -135,7 +133,6 @@ class Report:
     has_no_target: bool = False
 
     def __post_init__(self) -> None:
-        """Make arrays and counts read-only."""
         read_only((self.starts, self.outcomes, self.steps))
         object.__setattr__(self, "counts", Sealed(self.counts))
 
@@ -147,14 +144,10 @@ class Report:
         outcome : str
             A key of `counts`: "reached", "collided", "left", "late", "off the grid".
 
-        Returns
-        -------
-        float, from 0 to 1
-
         Raises
         ------
         KeyError
-            If the outcome is none of `report.counts`.
+            If the outcome is none of these.
 
         Examples
         --------
@@ -171,7 +164,7 @@ class Report:
         Parameters
         ----------
         outcome : str
-            A key of `counts`: "reached", "collided", "left", "late", "off the grid".
+            As for `rate`.
 
         Returns
         -------
@@ -180,7 +173,7 @@ class Report:
         Raises
         ------
         KeyError
-            If the outcome is none of `report.counts`.
+            If it is no outcome.
 
         Examples
         --------
@@ -193,7 +186,6 @@ class Report:
         return score_interval(self.counts[outcome], self.runs)
 
     def __str__(self) -> str:
-        """A table of the outcomes with their rates and 95 % intervals, and the steps taken."""
         head = f"{self.runs} runs, {self.method} table, adversary {self.adversary}, rule {self.rule}, seed {self.seed}"
         lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
@@ -218,8 +210,6 @@ def simulate(
 ) -> Trajectory:
     """Simulate one run of the closed loop from the state q0 at step 0, until it reaches the target or is lost.
 
-    Returns a `Trajectory`: times, states, inputs, disturbances and the outcome.
-
     Parameters
     ----------
     controller : Controller
@@ -235,6 +225,10 @@ def simulate(
     steps : int, optional
         How many steps to simulate, if nothing depends on time: all of them then use the tubes of step 0. By default the
         steps of the table, or `FOREVER_PLAYED` = 100 for a table that stays clear for ever.
+
+    Returns
+    -------
+    Trajectory
 
     Raises
     ------
@@ -261,7 +255,6 @@ def simulate(
     began: list[float] = []
 
     def watch(moment: Moment, v: FloatArray, states: FloatArray, _: FloatArray) -> None:
-        """Record time, state and disturbance, and at the begin of an interval also its time, input and steps to go."""
         seen.append((moment.time + moment.duration, states[0], v[0]))
         if moment.substep == 0:
             began.append(moment.time)
@@ -292,22 +285,21 @@ def monte_carlo(
 ) -> Report:
     """Simulate many runs of the closed loop from states drawn uniformly from the tube of step 0; count how they end.
 
-    `print` shows the counts in the `Report` with their rates; `report.rate("collided")` is one of these.
-
     Parameters
     ----------
     controller, runs : Controller, int
-    adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        Who chooses the disturbances of M runs at once: see `simulate`. One of your own is called from one thread only.
+    adversary, steps
+        As for `simulate`. A function of your own chooses the disturbances of M runs at once, in one thread only.
     seed : int
         The same seed gives the same report, whatever the number of threads.
-    steps : int, optional
-        How many steps to simulate, if nothing depends on time; by default those of the table, or 100 if it stays clear
-        for ever.
     sensing : Sensing
         The errors and delays to simulate; by default those that the table was solved for.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
+
+    Returns
+    -------
+    Report
 
     Raises
     ------
@@ -330,8 +322,8 @@ def monte_carlo(
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # one stream for each chunk, whichever thread runs it
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
+    # called from several threads
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Starts, outcomes and numbers of intervals of one chunk of runs; called from several threads."""
         starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
         return (starts, *rollouts(controller, starts, play, rng, steps=length, sensing=sensing))
 
@@ -358,12 +350,7 @@ def monte_carlo(
 
 
 def play_length(controller: Controller, steps: int | None) -> int | None:
-    """The number of steps to simulate with the tubes of step 0; None: the table's steps in order.
-
-    steps : what the user asked for, or None: then `FOREVER_PLAYED` of a table that stays clear for ever, and all of its
-        steps for one that was solved with steps=None and a target. ValueError if it is given although something depends
-        on time, or is no whole number from 1 on.
-    """
+    """The number of steps to simulate with the tubes of step 0; None: the table's steps in order."""
     table = controller.table
     if steps is None and table.details.get("endless") and not controller.depends_on_time:
         return FOREVER_PLAYED if table.problem.has_no_target else table.steps
@@ -386,7 +373,7 @@ def check_controller(given: Any) -> None:
 
 
 def adversary_of(adversary: str | Adversary) -> Adversary:
-    """The built-in adversary of a name; a callable is returned as it is. ValueError for anything else."""
+    """The built-in adversary of a name; a callable is returned as it is."""
     if callable(adversary):
         return adversary
     if not isinstance(adversary, str) or adversary not in ADVERSARIES:
@@ -398,11 +385,8 @@ def adversary_of(adversary: str | Adversary) -> Adversary:
 def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
     """States (count, ndim) drawn uniformly from the tube of all steps from step 0, by rejection.
 
-    At step 0 they are outside the unsafe sets by the level-set functions themselves, whatever the table says; with a
-    `Sensing` they are admissible however they are measured.
-
-    count : at least 1. ValueError if the tube is so small that `DRAWS` rounds, of max(1024, 2 count) draws each, find
-        fewer.
+    They are outside the unsafe sets themselves, whatever the table says; with a `Sensing` admissible however they are
+    measured.
     """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []

@@ -34,10 +34,9 @@ class Runs:
 
     Attributes
     ----------
-    states : (M, ndim) array
-        The true states when the next interval begins.
-    predictions : (M, ndim) array
-        What the controllers take the states to be then. Without a `Sensing` it is the array `states`.
+    states, predictions : (M, ndim) array
+        The true states when the next interval begins, and what the controllers take them to be then. Without a
+        `Sensing` it is one array.
     outcomes : (M,) int array
         Indices into `OUTCOMES`, or `UNDECIDED`. `LATE` is not set here.
     intervals_played : (M,) int array
@@ -47,13 +46,9 @@ class Runs:
     offsets : (M,) int array
         -1, 0 or 1: the next interval begins early, on time or late, by the jitter.
     problem : ReachAvoidProblem
-        The controller's, with the sensing that is simulated.
-    controller, play, rng, watch, first_tubes_only, controller_chooses
-        As given.
+        The controller's, with the sensing that is simulated, which may be other than what the table was solved for.
     mislead, shift : callable
         The adversary's choices of errors and of times; those of "worst" if it has none.
-    remembers : bool
-        Whether the controllers carry a point on (`Sensing.memory`).
     """
 
     def __init__(
@@ -64,21 +59,10 @@ class Runs:
         rng: np.random.Generator,
         sensing: Sensing,
         watch: Watch | None,
-        first_tubes_only: bool,
-        controller_chooses: bool = True,
+        first_tubes_only: bool,  # every step uses the tubes of step 0, as nothing depends on time
+        controller_chooses: bool = True,  # else adversaries play against the tubes of all steps that are left
     ) -> None:
-        """Runs from starts (M, ndim), which are copied, and measured at once if there is a `Sensing`.
-
-        With jitter the first interval of each run begins early, on time or late at random, but with adversary "none".
-
-        play : the adversary.
-        rng : all random numbers are drawn from it.
-        sensing : what is simulated, which may be other than what the table was solved for.
-        watch : called after each substep, if it is given: see `Watch`.
-        first_tubes_only : whether every step uses the tubes of step 0, as nothing depends on time.
-        controller_chooses : whether the controller chooses all inputs, for the fewest steps to go; else adversaries
-            play against the tubes of all steps that are left.
-        """
+        """Runs from starts (M, ndim), which are copied, and measured at once if there is a `Sensing`."""
         self.controller_chooses, self.first_tubes_only = controller_chooses, first_tubes_only
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
@@ -92,6 +76,7 @@ class Runs:
         self.previous_inputs = np.full(count, -1)  # the inputs before
         self.predictions = self.states  # the same array: nothing is measured without sensing
         if sensing:
+            # the first interval of each run begins early, on time or late at random
             self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (play != ADVERSARIES["none"])
             self.predictions = self.predict_from_measurements(
                 0, starts, self.intervals_played, self.problem.half_widths[0]
@@ -102,43 +87,30 @@ class Runs:
         step: int,
         states: FloatArray,
         before: FloatArray,
-        box: FloatArray | None = None,
+        box: FloatArray | None = None,  # at a run's start: how far predictions are off, which need no measurement
         known: tuple[FloatArray, int] | None = None,
     ) -> FloatArray:
         """The controllers' predictions (M, ndim) at a step, from measurements whose errors the adversary chooses.
 
-        step : k, at most the last step of the table.
-        states : (M, ndim), the true states when they are measured.
-        before : (M,) int, the inputs held until the next input starts, by index.
-        box : (ndim,), only at a run's start: how far predictions may be off. They are then the states with such an
-            error, and made from no measurements.
-        known : for controllers that remember, the points (M, ndim) that they carry, and the step of these points; None:
-            predictions are not tied to what was known.
-
-        ValueError where the adversary exceeds the errors of the sensing.
+        `before` are the inputs held until the next ones start; `known` are the points that controllers carry, and their
+        step.
         """
         problem, begun = self.problem, box is not None
         errors = np.zeros(problem.grid.ndim) + np.array(problem.sensing.error) if box is None else box
         table, last = self.controller.table, step == self.controller.table.steps
 
         def predict(off: FloatArray) -> FloatArray:
-            """The predictions (M, ndim) from states measured with errors `off` (M, ndim); at the start states + off."""
             seen = states + off
             found = problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
             return table.next_points(known[0], before, known[1], found)[0] if known else found
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
-            """The inputs, by index, that the controllers choose from measurements that are off by `off` (M, ndim).
-
-            Returns them and the steps to go, (M,) int each, -1 for no answer. At the last step, where no input is
-            chosen, the steps to go are returned in place of the inputs.
-            """
             batch = self.controller.answers(predict(off), step)
+            # at the last step no input is chosen
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
             return chosen, np.where(batch.steps_to_go > 0, batch.steps_after + 1, batch.steps_to_go)
 
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
-            """Values (M,) at points (M, ndim) of the next step's tubes, with left (M,) int steps to go."""
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
 
         starting = states if begun else predicted(problem, states, before, step)
@@ -150,20 +122,13 @@ class Runs:
         return predict(off)
 
     def begin_time(self, number: int, offset: int) -> float:
-        """When the interval of that number begins, s: t_number + offset * jitter; offset : -1, 0 or 1."""
+        """When the interval of that number begins, s: t_number + offset * jitter."""
         return self.problem.time(number) + offset * self.problem.sensing.jitter
 
     def first_moment(
         self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray
     ) -> Moment:
-        """What the adversary sees of some runs when their interval begins.
-
-        number : of the interval, from 0 on.
-        begin : the time, s, at which it begins, with the jitter.
-        rows : (R,) int, the numbers of the runs.
-        inputs, to_go : (R,) int, the inputs that the runs hold, by index, and the steps to go by which these were
-            chosen.
-        """
+        """What the adversary sees of the runs `rows` (R,) when their interval begins."""
         step, table = 0 if self.first_tubes_only else number, self.controller.table
         every = self.controller.all_left or not self.controller_chooses
         left: FloatArray | None = np.full(len(rows), table.steps - step - 1) if every else None
@@ -172,8 +137,7 @@ class Runs:
     def end_reached(self, number: int, last: bool) -> FloatArray:
         """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns the others, (R,) int.
 
-        The true target counts; with a `Sensing` the predictions must have no steps to go, too. Without a target all
-        runs that go on end so if this is the `last` sampling time, and none before.
+        Without a target all that go on end so if this is the `last` sampling time, and none before.
         """
         problem, alive, step = (
             self.problem,
@@ -190,12 +154,7 @@ class Runs:
         return alive[~reached]
 
     def simulate_interval(self, number: int, last: bool) -> None:
-        """End the runs that are over at sampling time `number`, and simulate the others for an interval.
-
-        Those that have reached the target end as `REACHED` (`end_reached`), those for which the controller has no input
-        as `LEFT`. last : whether no interval follows; then nothing is simulated, and runs of a problem without a target
-        have succeeded.
-        """
+        """End the runs that are over at sampling time `number`; but at the `last`, simulate an interval of others."""
         alive, step = self.end_reached(number, last), 0 if self.first_tubes_only else number
         if last or not alive.size:
             return
@@ -207,37 +166,34 @@ class Runs:
     def simulate_inputs(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
         """Simulate the runs `rows` (R,) for an interval from sampling time `number`, under these inputs (R,) int.
 
-        to_go : (R,) int, the steps to go by which the inputs were chosen. With a `Sensing` the adversary first says
-            when the next inputs start; ValueError where it says anything but -1, 0, 1.
+        With a `Sensing` the adversary first says when the next inputs start.
         """
         problem = self.problem
-        ends: FloatArray = np.zeros(rows.size, np.int64)
+        next_offsets: FloatArray = np.zeros(rows.size, np.int64)
         if problem.sensing and rows.size:
             answer = self.shift(self.first_moment(number, problem.time(number), rows, inputs, to_go))
-            ends = real_array("what the adversary's shift returns", answer, rows.shape)
-            if not np.isin(ends, (-1, 0, 1)).all():
-                raise ValueError(f"the adversary's shift must return -1, 0 or 1 for each run, got {ends.tolist()}")
-            ends = ends * (problem.sensing.jitter > 0)
-        groups = 3 * self.offsets[rows] + ends
+            next_offsets = real_array("what the adversary's shift returns", answer, rows.shape)
+            if not np.isin(next_offsets, (-1, 0, 1)).all():
+                raise ValueError(
+                    f"the adversary's shift must return -1, 0 or 1 for each run, got {next_offsets.tolist()}"
+                )
+            next_offsets = next_offsets * (problem.sensing.jitter > 0)
+        groups = 3 * self.offsets[rows] + next_offsets
         for group in np.unique(groups):
             some = groups == group
-            self.simulate_group(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
+            self.simulate_group(number, rows[some], inputs[some], to_go[some], int(next_offsets[some][0]))
 
-    def simulate_group(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
-        """Simulate the runs `rows` for an interval that begins at one time for all of them, and ends at one time.
+    def simulate_group(
+        self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, next_offset: int
+    ) -> None:
+        """Simulate the runs `rows` for an interval that begins, and ends, at one time for all of them.
 
-        Updates states, outcomes, offsets, inputs and counts of these runs. With a `Sensing` the states are measured one
-        delay before the end, and `predictions` are made of those runs that go on.
-
-        number : of the interval, from 0 on.
-        rows : (R,) int, the numbers of the runs, at least one, all with the same offset.
-        inputs, to_go : (R,) int, the inputs that they hold, by index, and the steps to go by which these were chosen.
-        ends : -1, 0 or 1: the interval ends early, on time or late, by the jitter.
+        With a `Sensing` they are measured one delay before its end, and `predictions` are made of those that go on.
         """
         sensing, begin, after = self.problem.sensing, self.begin_time(number, self.offsets[rows[0]]), 0
         begun = self.first_moment(number, begin, rows, inputs, to_go)
         if sensing:
-            end, delay = self.begin_time(number + 1, ends), sensing.delay
+            end, delay = self.begin_time(number + 1, next_offset), sensing.delay
             length = end - begin
             after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
             begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
@@ -251,7 +207,7 @@ class Runs:
         self.states[rows], self.outcomes[rows], self.offsets[rows], self.previous_inputs[rows] = (
             states,
             ended,
-            ends,
+            next_offset,
             inputs,
         )
         self.intervals_played[rows] += 1
@@ -272,16 +228,9 @@ def rollouts(
     steps: int | None = None,
     sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Simulate one run from each start (M, ndim), to its end or for all steps.
+    """Outcomes, as indices into `OUTCOMES`, and numbers of intervals of a run from each start (M, ndim): (M,) int each.
 
-    Returns outcomes (M,) int, indices into OUTCOMES, and how many intervals each run had, (M,) int. A run whose start
-    is in an unsafe set has collided; a run that is not decided after the last step is late.
-
-    play : the adversary, who chooses the disturbances.
-    rng : from which all random numbers are drawn.
-    watch : called after each substep, if it is given: see `sdhj.simulation.outcomes.Watch`.
-    steps : how many steps are simulated, all by the tubes of step 0; None: all steps of the problem in order.
-    sensing : the errors, delay and jitter that are simulated; by default those that the table was solved for.
+    With `steps` given all of them use the tubes of step 0.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, first_tubes_only=steps is not None)
