@@ -10,8 +10,8 @@ that converge from different sides.
 
 solves with 4 * 25 nodes on each joint and 2 * 24 + 1 on each pursuer axis, so that the nodes of the 25^4 grid are among
 them, and writes the level-set functions of step 0 there to a file. `--combine` adds what refining the other axes
-changes and writes the bits that tests/test_reference.py compares with. What is stored was made by the runs 8 1, 4 2,
-4 1, 2 4 and 2 2 and
+changes and writes the bits that tests/solver/test_reference.py compares with. What is stored was made by the runs 8 1,
+4 2, 4 1, 2 4 and 2 2 and
 
     python tests/make_reference.py --combine 8_1 4_2 4_1 2_4 2_2    (each the name of a file)
 """

@@ -15,7 +15,7 @@ that values changed in their last bits and the answers did not:
 * `problem`, `warnings`, `file`: its digest, what was warned of, whether a saved table comes back as it was.
 
 Bits of sines and of compiled kernels hang on processor and libraries: what they were is recorded, and on others
-`tests/test_digests.py` compares the plain numbers alone.
+`tests/campaign/test_digests.py` compares the plain numbers alone.
 """
 
 import argparse
@@ -32,13 +32,18 @@ from typing import Any
 
 import numba
 import numpy as np
-from digest_cases import CASES, Case
 from numba.core import codegen
 from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
 import sdhj
 
-RECORD = Path(__file__).parent / "data" / "digests.json"
+HERE = Path(__file__).parent
+if __name__ == "__main__":
+    sys.path[1:1] = [str(HERE / "lib"), str(HERE.parent / "figures" / "studies")]  # as pytest has it
+
+from digest_cases import CASES, Case  # noqa: E402
+
+RECORD = HERE / "data" / "digests.json"
 POINTS = 150  # states of each kind that are asked about at once
 SINGLE = 20  # states that are asked about one by one
 RUNS = 50
@@ -313,5 +318,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.path.append(str(Path(__file__).parents[1] / "figures" / "studies"))  # as pytest has it
     sys.exit(main())

@@ -58,7 +58,7 @@ The obligations of the proof, where each is met, and the test (certified, promis
     [test_sets_and_inputs_are_all_that_follows]
 
 For robots of one's own, what each of these comes to, and what the checker refuses that lacks it: a forgery in
-tests/forged_robots.py, of which test_a_forgery_is_refused asks the sentence. In
+tests/lib/forged_robots.py, of which test_a_forgery_is_refused asks the sentence. In
 tests/certified/check/test_plain_gate.py each step of the checker's argument is taken away, and a forgery is believed.
 
     1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"

@@ -1,4 +1,4 @@
-"""The ends of an axis say what they are; their promises are judged by a plant that knows no grid (`tests/judge.py`)."""
+"""The ends of an axis say what they are, judged by a plant that knows no grid (`figures/studies/judge.py`)."""
 
 from dataclasses import replace
 

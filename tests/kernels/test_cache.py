@@ -27,7 +27,7 @@ import pytest
 from sdhj.kernels import compiling
 from sdhj.kernels.compiling import LINE, choice, chosen, inlined, kernel
 
-PACKAGE = Path(__file__).parent.parent / "sdhj"
+PACKAGE = Path(__file__).parents[2] / "sdhj"
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "stencil", "cfunc", "overload", "register_jitable"}
 MAKERS = {Path("kernels/compiling.py"), Path("certified/check/bits.py")}  # of the two decorators
 FILES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))

@@ -3,7 +3,7 @@
 Each call counts as *clear* (an answer, or an error of the library's own that names what was odd), *unclear* (any other
 exception), *wrong* (an answer to what is no number, or one that the oracle of its kind contradicts) or *hang*. The
 sequence of calls is the same in every run; how far it goes is a matter of time: `SDHJ_FUZZ_SECONDS=3600 pytest
--m campaign -n 0 -s tests/test_fuzz.py` goes on for an hour and prints the counts.
+-m campaign -n 0 -s tests/campaign/test_fuzz.py` goes on for an hour and prints the counts.
 """
 
 import os

@@ -26,7 +26,7 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def reference():
-    with np.load(Path(__file__).parent / "data" / "reference_arm.npz") as file:
+    with np.load(Path(__file__).parents[1] / "data" / "reference_arm.npz") as file:
         return {
             name: np.unpackbits(file[name], axis=1, count=25**4).astype(bool) for name in ("inside", "outside", "sign")
         }

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from functools import cache
 
+import forging
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -233,7 +234,8 @@ def test_the_name_of_another_problem_is_found(of, saved, tmp_path):
 def test_the_command_compares_with_a_problem(saved, tmp_path, monkeypatch):
     """A file that is true of its own robot is refused beside another."""
     path = shutil.copy(saved(robot), tmp_path / "forged.npz")
-    (tmp_path / "two_robots.py").write_text(f"import sys\nsys.path.insert(0, {os.path.dirname(__file__)!r})\n" + OWN)
+    places = [os.path.dirname(__file__), os.path.dirname(forging.__file__)]
+    (tmp_path / "two_robots.py").write_text(f"import sys\nsys.path[:0] = {places!r}\n" + OWN)
     monkeypatch.chdir(tmp_path)
     for name, status in (("own", 0), ("another", 2)):
         shown = CliRunner().invoke(main, ["verify", str(path), "--problem", f"two_robots:{name}"])

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+import toys
 
 LAYERS = {"tbb": "tbbpool", "omp": "omppool", "workqueue": "workqueue"}
 PROBLEM = """
@@ -38,7 +39,7 @@ def run(request):
         pytest.skip(f"the layer {request.param} is not installed")
 
     def run(code):
-        code = PROBLEM.replace("TESTS", repr(os.path.dirname(__file__))) + code
+        code = PROBLEM.replace("TESTS", repr(os.path.dirname(toys.__file__))) + code
         environment = {**os.environ, "NUMBA_THREADING_LAYER": request.param, "NUMBA_NUM_THREADS": "2"}
         done = subprocess.run(
             [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300

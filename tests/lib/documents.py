@@ -5,7 +5,7 @@ from pathlib import Path
 
 import keep
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def blocks(path: Path, heading: str = "") -> list[str]:

@@ -91,7 +91,7 @@ SAILING = {
 
 def car():
     """The problem of the README's second program, as it stands there."""
-    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     (code,) = (code for code in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S) if '"post"' in code)
     names = {}
     exec(code[: code.index("controller = ")], names)
