@@ -17,7 +17,7 @@ import numpy as np
 from numba import config
 
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
-from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
+from sdhj.formulas.graph import Lookup, Node, constant, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
 from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.rules import FACTS, RULES
@@ -222,20 +222,21 @@ class Formula(Remembering):
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
         """The function of points whose coordinates are clipped to [lower, upper], (coordinates,) each, first."""
-
-        def function(points: Any, *given: Any) -> Any:
-            return self(np.minimum(np.maximum(points, lower), upper), *given)
-
-        return Formula.traced(self.name, function, self.coordinates, self.parameters)
+        put = dict[Node, Node]()
+        for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+            put[leaf("x", k)] = make("min", make("max", leaf("x", k), constant(low)), constant(high))
+        outputs = tuple(rebuilt(self.outputs, put.get))
+        return Formula(outputs, self.coordinates, self.parameters, self.shape, self.name)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The function of points that have the coordinates `axes` alone, which must be all that it reads."""
-        places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
 
-        def function(points: Any, *given: Any) -> Any:
-            return self(points[:, places], *given)
+        def restricted() -> Formula:
+            put = {leaf("x", axis): leaf("x", k) for k, axis in enumerate(axes)}
+            outputs = tuple(rebuilt(self.outputs, put.get))
+            return Formula(outputs, len(axes), self.parameters, self.shape, self.name)
 
-        return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
+        return self.remembered(tuple(axes), restricted)
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from sdhj.common.checks import finite_array, read_only_view, whole
 from sdhj.formulas.derivative import linear
 from sdhj.formulas.formula import BlackBox, Ends, Formula, compare
-from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
+from sdhj.formulas.graph import Node, constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
@@ -459,22 +459,27 @@ class VectorField(Remembering):
             columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
             return np.stack(columns, axis=1)
 
+        put = {leaf("x", k): leaf("x", keep.index(k)) if k in keep else constant(lower[k]) for k in range(self.ndim)}
+
         def some(part: Any) -> Any:
             """Drift or gain (`part`) with its components along `axes` alone, of points (M, len(axes)).
 
             A formula gives a formula, a black box a black box, None gives None.
             """
-            function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
+            if part is None:
+                return None
+            if isinstance(part, Formula):
+                entries = part.entries.take(keep, axis=1)
+                outputs = tuple(rebuilt(entries.ravel().tolist(), put.get))
+                return Formula(outputs, len(keep), part.parameters, entries.shape, part.name)
 
             def of_some(points: Any, *given: Any) -> Any:
                 """The components along `axes` of the part, at points (M, len(axes)).
 
                 given : what the part takes besides, as inputs and the time.
                 """
-                return function(full(points), *given).take(keep, axis)
+                return part.function(full(points), *given).take(keep, 1)
 
-            if part is None or isinstance(part, Formula):
-                return part and Formula.traced(part.name, of_some, len(keep), part.parameters)
             reads = part.reads and tuple(keep.index(axis) for axis in part.reads if axis in keep)
             slope = None if part.slope is None else np.broadcast_to(part.slope, (self.ndim,) * 2)[np.ix_(keep, keep)]
             shape = (len(keep), *part.shape[1:])
@@ -590,17 +595,25 @@ class VectorField(Remembering):
     def extremes_of(self) -> tuple[Formula, ...]:
         """A formula for each input: of a state and the time, with results (2, ndim).
 
-        They are the least and the greatest velocity along each axis over all v. Only where v enters linearly and there
-        are no black boxes. Made once.
+        They are the least and the greatest velocity along each axis over all v, drift -+ sum_d |gain_d| |bounds_d|.
+        Only where v enters linearly and there are no black boxes. Made once.
         """
-        count = len(self.inputs)
-        return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
+        found, parts = [], self.functions_by_input
+        for drift, gain, bounds in zip(parts["drift"], parts["gain"], parts["bounds"], strict=True):
+            most = [make("abs", one) for one in bounds.outputs]
+            ends = list[Node](), list[Node]()
+            for f, row in zip(drift.outputs, gain.entries, strict=True):
+                spread = sum((make("abs", b) * v for b, v in zip(row, most, strict=True)), constant(0.0))
+                ends[0].append(f - spread)
+                ends[1].append(f + spread)
+            found.append(Formula((*ends[0], *ends[1]), self.ndim, 1, (2, self.ndim), "velocity"))
+        return tuple(found)
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
         """drift -+ sum_d |gain_d| |bounds_d| under input j, at points (M, ndim) and time t: the extremes over all v,
         (M, 2, ndim).
 
-        Only where v enters linearly. Also traced.
+        Only where v enters linearly; formulas have `extremes_of`.
         """
         drift, bounds = self.drift_at(points, j, t), self.functions_by_input["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)

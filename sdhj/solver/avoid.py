@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.common.findings import Finding
+from sdhj.formulas.formula import Formula
+from sdhj.formulas.graph import constant, leaf, make
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.samples import Samples
@@ -107,7 +109,9 @@ def _ends_as_danger(samples: Samples, axis: int) -> Danger:
     each = zip(grid.ends, grid.ends_where("frees").T, strict=True)  # who leaves there is out of danger here too
     ends = [[end if free else "wall" for end, free in zip(*one, strict=True)] for one in each]
     name = f"the ends of axis {whole.names[axis]}"
-    past = UnsafeSet((place,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name)
+    x = leaf("x", 0)
+    depth = make("min", x - constant(low), constant(high) - x) + constant(slack)
+    past = UnsafeSet((place,), Formula((depth,), 1, 1), name=name)
     there = dynamics.clipped(np.array(whole.lower), np.array(whole.upper)).on_axes(axes, np.array(whole.lower))
     wide = Samples(samples.problem, grid.wider(by, ends), there, [past])
     inside = tuple(slice(extra, extra + n) for (extra, _), n in zip(by, grid.shape, strict=True))
