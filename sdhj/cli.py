@@ -60,8 +60,7 @@ from sdhj.table.rules import RULES
 def stop(number: int, frame: FrameType | None) -> None:
     """Handle a signal: delete temporary files, say on standard error that sdhj was stopped, and end the process.
 
-    The exit status is 128 + `number`, that of the signal. Nothing is raised that could be caught on the way, and
-    nothing else is cleaned up. frame : as Python gives it, ignored.
+    Nothing is raised that could be caught on the way; the exit status is 128 + `number`.
     """
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
@@ -95,15 +94,10 @@ class Refusal(click.ClickException):
 
 
 def plainly(function: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command: errors become one line on standard error, without a traceback, and compiling is reported.
-
-    ValueError, OSError, MemoryError and ImportError end the command with status 2 (`Refusal`), Ctrl-C with status 130;
-    a closed pipe is left to click, and all other errors are raised.
-    """
+    """Decorate a command: errors become one line on standard error, without a traceback, and compiling is reported."""
 
     @functools.wraps(function)
     def wrapped(*args: Any, **kwargs: Any) -> None:
-        """Run the command with its arguments, and treat errors as `plainly` says."""
         try:
             with announced(progress=True):
                 function(*args, **kwargs)
@@ -122,11 +116,7 @@ def plainly(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
-    """The numbers in a text, separated by commas, in their order: at least one, each made by `kind`.
-
-    option : the name of the option for the message, without dashes, or of an argument, in capitals. ValueError if the
-        text has anything else.
-    """
+    """The numbers in a text, separated by commas: at least one, made by `kind`; else ValueError, naming `option`."""
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
@@ -269,13 +259,7 @@ def info(table: Path) -> None:
 
 
 def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> list[str]:
-    """The dynamics under the first input, and the level-set function of each set, as lines of text.
-
-    Black boxes are left out.
-
-    head : the head of the table's file, as `sdhj.table.files.checked_head` returns it.
-    arrays : the arrays that its formulas look up, by name, as `sdhj.table.files.arrays_in` returns them.
-    """
+    """The dynamics under the first input, and the level-set function of each set, as lines; without black boxes."""
     found, grid = formulas_in(head, tables_of(arrays)), head["grid"]
     bounds, velocity = found["bounds"].entries[0], list[Node]()
     v = [f"v{d + 1}" for d in range(len(bounds))]
@@ -333,18 +317,13 @@ def verify_command(
     elif (table / "sdhj_table.bin").is_file():
         raise ValueError(f"{table} is the folder of an export; give the table that it was made of: --table table.npz")
     given = {"samples": samples or None, "seed": seed, "everywhere": everywhere, "exported": exported}
-    context.exit(0 if checked(table, problem, **given) else 1)
+    context.exit(0 if proved(table, problem, **given) else 1)
 
 
-def checked(table: Path, problem: str | None, **options: Any) -> bool:
+def proved(table: Path, problem: str | None, **options: Any) -> bool:
     """Whether the checker proves all claims of a certified table's file and, if given, of a file `exported` from it.
 
-    Prints the problem as the checker read it, its report and the time it took.
-
-    problem : "module:name" or "file.py:name", needed for black boxes; it is compared with the file's.
-    options : of `sdhj.certified.check.verify`.
-
-    ValueError if the table is not certified; otherwise the errors of `sdhj.load`.
+    Prints the problem as the checker read it, its report and the time it took; `problem` is needed for black boxes.
     """
     if read_head(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
@@ -361,8 +340,7 @@ def checked(table: Path, problem: str | None, **options: Any) -> bool:
 def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
     """The problem that a user names as module:name or file.py:name, or what a function of that name returns.
 
-    It runs the module or file; the current folder, and that of the file, come first on sys.path from then on.
-    ValueError, naming `option`, if the name does not fit, the code raises anything, or what is found is no problem.
+    The user's code is run; ValueError, naming `option`, whatever is wrong with it.
     """
     place, _, what = name.rpartition(":")
     if not re.fullmatch(r"\w+", what) or not (place.endswith(".py") or re.fullmatch(r"[\w.]+", place)):
@@ -386,10 +364,7 @@ def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
 
 
 def _line_of(error: Exception, place: str) -> str:
-    """ " (line n of place)", the last line of a user's file in an error's traceback; "" if there is none.
-
-    place : the file, or the name of a module, which gives "".
-    """
+    """The words " (line n of place)": the last line of a user's file in an error's traceback; "" if there is none."""
     lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(Path(place).name)]
     return f" (line {lines[-1]} of {place})" if lines and place.endswith(".py") else ""
 
@@ -425,7 +400,7 @@ def export_command(
         f"  stack: some {STACK} bytes; a look-up loads 4 numbers of a cell, of {2**read.grid.ndim} cells, twice, on "
         "edges of all axes"
     )
-    if check_it and not checked(table, problem, exported=output / "sdhj_table.bin"):
+    if check_it and not proved(table, problem, exported=output / "sdhj_table.bin"):
         context.exit(1)
 
 
@@ -546,10 +521,9 @@ def warmup() -> None:
 
 
 def compile_kernels(robot: str, method: str) -> float:
-    """Compile every kernel that a small problem of a robot calls with a method, and those of table and controller.
+    """Compile all kernels that a small problem of arm or car calls with a method; returns how long it took, s.
 
-    robot : "arm" or "car". method : a name of `METHODS`; with "certified" also the checker is run. Returns how long it
-        took, s.
+    Those of table, controller and, with "certified", of the checker are called, too.
     """
     began, certified = time.perf_counter(), method == Certified.name
     problem = arm_case_study(nodes=9, steps=2) if robot == "arm" else new_robot()
@@ -571,12 +545,8 @@ def new_robot() -> ReachAvoidProblem:
 
 
 def command() -> None:
-    """Run the command `sdhj`, and end the process: the entry point of the package.
-
-    Ctrl-C and SIGTERM end it at once (`stop`), unless they are ignored; warnings take one line; an output that cannot
-    be written leads to no traceback.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Run the command `sdhj`, and end the process: the entry point of the package."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # end it at once, unless they are ignored
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop)
     warnings.formatwarning = lambda message, *_, **__: f"Warning: {message}\n"

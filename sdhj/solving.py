@@ -35,13 +35,7 @@ FOR_EVER = (
 
 
 def method_of(method: str | Method) -> Method:
-    """The method of a name, with default options; an object that is a method is returned as it is.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
+    """The method of a name, with default options; an object that is a method is returned as it is."""
     if isinstance(method, str) and method in METHODS:
         made: Method = METHODS[method]()
         return made
@@ -132,7 +126,7 @@ def solve(
         no_store = f"a store does not take method {chosen.name!r}; leave store= out to solve in memory"
         if store is not None and isinstance(chosen, Certified):  # before it prepares, for as long as a solve may take
             raise ValueError(no_store)
-        sets = _looked_over(problem, chosen, progress)
+        sets = _checked_sets(problem, chosen, progress)
         if store is not None:
             if not (isinstance(sets, GridSets) and sets.storable):
                 raise ValueError(no_store)
@@ -148,11 +142,9 @@ def solve(
 
 
 def _simulated_at_the_end(table: Table) -> dict[str, Any]:
-    """Simulate runs of a solved table, warn of broken promises, and return {"played": counts} for its details.
+    """Counts of simulated runs of a solved table, for its details, with a warning of broken promises; {} without runs.
 
-    {} for a certified table, of which no runs are simulated; a warning says if next to nothing is certified. Whatever
-    the runs raise, Ctrl-C too, becomes a warning, and {} is returned, so that the table is not lost. Only a warning
-    that the caller has turned into an error is raised.
+    Whatever the runs raise, Ctrl-C too, becomes a warning, so that the table is not lost.
     """
     try:
         if isinstance(table, CertifiedTable):
@@ -167,11 +159,8 @@ def _simulated_at_the_end(table: Table) -> dict[str, Any]:
         return {}
 
 
-def _looked_over(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> TubeSets:
-    """The sets of a method, nothing of them solved; warns of what is wrong with unsafe sets and targets.
-
-    progress : whether to show a progress bar; None: if standard error is a terminal. The errors are those of `solve`.
-    """
+def _checked_sets(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> TubeSets:
+    """The sets of a method, nothing of them solved; warns of what is wrong with unsafe sets and targets."""
     if isinstance(method, Certified):  # whose sets take half the time of a solve
         check_sets(problem)
     sets = method.sets(problem, progress)
@@ -188,13 +177,9 @@ def _bar(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> A
 
 
 def _fill(sets: Any, problem: ReachAvoidProblem, bar: Any) -> None:
-    """Compute all tubes by the recursion and move the bar; with steps=None, those before Ctrl-C.
-
-    Ctrl-C with a number of steps, or before the first tube, is raised.
-    """
+    """Compute all tubes by the recursion and move the bar; with steps=None, those before Ctrl-C."""
 
     def done() -> None:
-        """Tell the progress bar of one more tube and, with steps=None, what share of the states changes."""
         bar.update()
         if problem.steps is None:
             bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)

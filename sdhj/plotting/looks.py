@@ -79,7 +79,6 @@ def patch(name: str, label: str) -> Patch:
     name : str
         Of the set: "target", "obstacles", "pursuer"; others are drawn as unsafe sets.
     label : str
-        The text.
 
     Returns
     -------
@@ -100,9 +99,7 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
     Parameters
     ----------
     width, height : float
-        Inches.
     options
-        Of `matplotlib.figure.Figure`.
 
     Examples
     --------
@@ -114,10 +111,7 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
 
 
 def writable_folder(folder: Named) -> Path:
-    """The folder as a Path, made if it does not exist, after trying that a file can be written in it.
-
-    OSError, with what to do, if not: to be called before long work.
-    """
+    """The folder as a Path, made if need be, after trying that a file can be written in it: before long work."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -128,10 +122,7 @@ def writable_folder(folder: Named) -> Path:
 
 
 def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
-    """Raise OSError if a picture cannot be written to a path, ValueError for another ending: before long work.
-
-    path : None is allowed, and nothing is asked. suffixes : the endings that are allowed.
-    """
+    """Raise OSError if a picture cannot be written to a path, ValueError for another ending: before long work."""
     if path is not None:
         writable_file(path)
         if path.suffix.lower() not in suffixes:
@@ -181,8 +172,6 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
 def write(figure: Figure, path: Named) -> None:
     """Write `figure` in the format of the file extension; the file appears only when it is complete.
 
-    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error.
-
     Parameters
     ----------
     figure : matplotlib.figure.Figure
@@ -203,6 +192,7 @@ def write(figure: Figure, path: Named) -> None:
     >>> path.is_file()
     True
     """
+    # in memory first: Matplotlib reports a full disk by an unrelated error
     drawn, form = io.BytesIO(), Path(path).suffix[1:].lower()
     figure.savefig(drawn, format=form, metadata=UNDATED[form])
     with replaced_whole(path) as temporary:

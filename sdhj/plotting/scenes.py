@@ -23,14 +23,13 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     scene : ArmScene
         What `scene` of `sdhj.arm.case_studies` returns for a problem of `sdhj.arm_case_study` or
         `sdhj.evader_case_study`.
     q : (2,) array
         The joint angles, rad.
     alpha, zorder : float
-        How opaque it is, and in which order it is drawn, as Matplotlib has them.
+        As Matplotlib has them.
 
     Examples
     --------
@@ -51,12 +50,7 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
 
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
-    """Draw faint outlines of a moving disk at some times, and the path of its centre from first to last, dotted.
-
-    times : (K,), s, at least one.
-    looks : Matplotlib's keywords for the disk, of which only "edgecolor" is used, for both.
-    gid : the identifier of each outline.
-    """
+    """Draw faint outlines of a moving disk at times (K,), s, and the path of its centre, in the edge's colour."""
     plain: Looks = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "alpha": 0.55}
     for t in times:
         ax.add_artist(Circle(tuple(disk.centre(float(t))), disk.radius, zorder=1.5, gid=gid, **plain))
@@ -72,10 +66,8 @@ def draw_workspace(
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     scene : ArmScene
-        What `scene` of `sdhj.arm.case_studies` returns for a problem of `sdhj.arm_case_study` or
-        `sdhj.evader_case_study`.
+        As for `draw_arm`.
     state : (4,) array, optional
         Joint angles, rad, and the position of the pursuer or evader, m; by default these and the arm are left out.
     time : float

@@ -61,7 +61,7 @@ class Plane:
 
 
 def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
-    """The slice along two axes through the state `through` (ndim,), whose entries on these two axes are ignored.
+    """The slice along two axes through a state.
 
     Parameters
     ----------
@@ -114,7 +114,6 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     where : Plane
         The slice, of `plane`.
     values : (Y, X) array
@@ -124,7 +123,7 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
     gid : str
         The identifier of the filled artist; that of the outline is `gid` + "-edge".
     zorder : float
-        In which order it is drawn.
+        As Matplotlib has it.
 
     Examples
     --------
@@ -156,11 +155,10 @@ def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     grid : Grid
         Whose names and ends the axes get.
     axes : (int, int)
-        The two axes of the grid that are shown, ascending.
+        Of the slice, as for `plane`.
 
     Examples
     --------
@@ -199,18 +197,13 @@ def draw_constraints(
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     problem : ReachAvoidProblem
-    through : (ndim,) array
-        The state that the slice goes through, in the units of the grid's axes; its entries on `axes` are ignored.
+    through, axes, resolution
+        The slice, as for `plane`.
     step : float
         k; the sets are those at time k delta.
-    axes : (int, int)
-        The two axes of the grid that are shown, ascending.
     parts : sequence of str, optional
         The names of the unsafe sets that are drawn; by default all.
-    resolution : int
-        Points along each side of the slice.
 
     Raises
     ------
@@ -246,26 +239,18 @@ def draw_tubes(
 ) -> None:
     """Draw the nested tubes with 0 to `within` steps to go from step `start`, on a slice (Figs. 10 and 11).
 
-    Tubes of fewer steps are darker. The tube with n steps to go has the identifier "tube-n". With `unsafe` the true
-    unsafe sets at step `start` are outlined.
+    Tubes of fewer steps are darker. The tube with n steps to go has the identifier "tube-n".
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     table : Table
-    through : (ndim,) array
-        The state that the slice goes through, in the units of the grid's axes; its entries on `axes` are ignored.
-    start : int
-        k, the step at which the robot is there, from 0 to N.
-    within : int, optional
-        n, the most steps that it may take; by default all that are left, N - start.
-    axes : (int, int)
-        The two axes of the grid that are shown, ascending.
+    through, axes, resolution
+        The slice, as for `plane`.
+    start, within : int
+        The largest tube, as for `LookupTable.contains`.
     unsafe : bool
-        Whether the true unsafe sets are outlined.
-    resolution : int
-        Points along each side of the slice.
+        Whether the true unsafe sets at step `start` are outlined.
 
     Raises
     ------
@@ -300,17 +285,15 @@ def draw_tubes(
 
 
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
-    """The path of states on a slice, without jumps, once for each lap around periodic axes: points (R, 2).
+    """The path of states (T, ndim) on a slice, without jumps, once for each lap around periodic axes: points (R, 2).
 
-    Each copy of the path is shifted by a lap, so that what all copies have in the frame of the slice is the path, cut
-    at the ends of periodic axes. A row of NaN stands between two copies, so that a drawn line breaks there.
-
-    states : (T, ndim), at least one, on any lap. axes : the two axes of the slice.
+    Each copy is shifted by a lap, so that what all have in the frame is the path, cut at the ends of periodic axes.
     """
     low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
     path, span = np.asarray(states, dtype=np.float64)[:, list(axes)], high - low
     for axis in np.flatnonzero(periodic):
         path[:, axis] = np.unwrap(path[:, axis], period=span[axis])
+    # a row of NaN stands between two copies, so that a drawn line breaks there
     laps = np.unique(np.where(periodic, np.floor((path - low) / span), 0.0), axis=0)
     rows = [row for lap in laps for row in (path - lap * span, np.full((1, 2), np.nan))]
     return np.concatenate(rows[:-1])
@@ -324,12 +307,11 @@ def draw_path(
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     grid : Grid
     states : (T, ndim) array
         In the units of the grid's axes, as `Trajectory.states`.
     axes : (int, int)
-        The two axes of the grid that are shown, ascending.
+        Of the slice, as for `plane`.
     marks : (K, ndim) array, optional
         States that get a dot, as `Trajectory.samples`.
     line

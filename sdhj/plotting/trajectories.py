@@ -22,17 +22,14 @@ WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
 def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (0, 1)) -> None:
     """Draw a run on a slice: tube, target and unsafe sets at its start, and the target at its end outlined (Fig. 12b).
 
-    The identifier of the outline is the target's name + "-then-edge".
-
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
     table : Table
     run : Trajectory
         Of `sdhj.simulate`, with a controller of this table.
     axes : (int, int)
-        The two axes of the grid that are shown, ascending.
+        Of the slice, as for `plane`.
 
     Examples
     --------
@@ -50,16 +47,13 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
     n = int(run.steps_to_go[0]) if len(run.inputs) else 0  # a run that starts in the target has no inputs
     draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL_LOOKS, "tube", zorder=1.0)
     draw_constraints(ax, problem, through=run.states[0], axes=axes)
-    then = where.true(problem.target, float(run.times[-1]))
+    then = where.true(problem.target, float(run.times[-1]))  # whose outline is found by its name + "-then-edge"
     draw_set(ax, where, then, THEN_LOOKS, f"{problem.target.name}-then", zorder=5.0)
     draw_path(ax, problem.grid, run.states, axes, marks=run.samples)
 
 
 def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: int) -> None:
-    """Draw the workspace at the instant run.times[index] of a run of the arm, with the end-effector's path so far.
-
-    ValueError if the problem is not one of the arm's case studies; IndexError if the run has no such instant.
-    """
+    """Draw the workspace at the instant run.times[index] of a run of the arm, with the end-effector's path so far."""
     view = scene(problem)
     draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]))
     ax.plot(*view.arm.tip(run.states[: index + 1, :2]).T, zorder=6, gid="tip-path", **WAY)
