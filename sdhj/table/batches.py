@@ -37,6 +37,9 @@ Player = Callable[..., Any]  # simulates runs of a table: `sdhj.simulation.playe
 class Batch(NamedTuple):
     """The answers of a table for M states at one step, made by `Table.batch`.
 
+    Without an input to choose, for states that are not admissible and at the last step, no input is `safe`, `margins`
+    are +inf and `best` is -1.
+
     Attributes
     ----------
     states : (M, ndim) array
@@ -46,15 +49,13 @@ class Batch(NamedTuple):
         Fewest steps in which the target is reached safely; without a target, the number of steps that are left. -1 for
         states that are not admissible.
     safe : (M, L) bool array
-        Which inputs are safe according to the table; none for states that are not admissible, and at the last step.
-        Only `best` has also been checked with the true sets (`Table.passes_true_sets`); `Controller.safe_inputs` checks
-        all.
+        Which inputs are safe according to the table. Only `best` has also been checked with the true sets
+        (`Table.passes_true_sets`); `Controller.safe_inputs` checks all.
     margins : (M, L) array
         The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
-        are in it. +inf for states that are not admissible, and at the last step.
+        are in it.
     best : (M,) int array
-        The safe input of least margin; if no input is safe, the best one, without a promise. -1 for states that are not
-        admissible, and at the last step.
+        The safe input of least margin; if no input is safe, the best one, without a promise.
     """
 
     states: FloatArray
@@ -88,9 +89,7 @@ def entry(steps: int, start: int, within: int) -> int:
 class Table(ReadOnly):
     """A solved problem, whatever its method: `sdhj.solve` and `sdhj.load` return one, and `sdhj.Controller` uses it.
 
-    Arguments `start` and `within` select a tube: the states that at step `start` can reach the target within `within`
-    steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left. ValueError
-    where an argument does not fit.
+    Arguments `start` and `within` select a tube, as `LookupTable` explains; ValueError where an argument does not fit.
 
     A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`,
     `method`, `index`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here. What a table has
@@ -101,7 +100,7 @@ class Table(ReadOnly):
     problem : ReachAvoidProblem
         What was solved; of a problem with steps=None with the number of steps that it took.
     method : str
-        The name of the method.
+        Its name.
     details : mapping
         Options of the method and statistics of the solve.
     index : (entries,) int array
@@ -156,12 +155,8 @@ class Table(ReadOnly):
         Parameters
         ----------
         runs : int
-        adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-            Who chooses the disturbance: see `sdhj.simulate`.
-        seed : int
-            The same seed gives the same runs.
-        steps : int, optional
-            How many to simulate, if nothing depends on time; by default the table's, or 100 if it stays clear for ever.
+        adversary, seed, steps
+            As for `sdhj.simulate`.
 
         Returns
         -------
@@ -191,7 +186,6 @@ class Table(ReadOnly):
         Parameters
         ----------
         q : (ndim,)
-            The state, in the units of the grid's axes.
         step, within : int
             The tube, as in `contains`; `step` is its `start`.
 
@@ -199,16 +193,11 @@ class Table(ReadOnly):
         -------
         Explanation
             For each input: the unsafe set, or the end of an axis, that the state may meet, and when; or by how much it
-            may end outside the tube with one step less to go. Of a certified table: how deep the tube of the state's
-            cell may be in it, or how many cells that it may lead to are not certified. What is not proved at these
-            cells may be true all the same, and may be proved at others: causes and what helps were tried on few nodes
-            and few cells (`sdhj.certified.limits`), which are solved when a table is asked first: in some tenths of a
-            second to a few seconds; of a large table it may take longer than its solve.
-
-        Raises
-        ------
-        ValueError
-            If a shape, a number, `step` or `within` does not fit.
+            may end outside the next tube. Of a certified table: how deep the tube of the state's cell may be in it, or
+            how many cells that it may lead to are not certified. What is not proved at these cells may be true all the
+            same: causes and what helps were tried on few nodes and few cells (`sdhj.certified.limits`), when a table is
+            asked first, which takes tenths of a second to a few seconds; of a large table it may be longer than its
+            solve.
 
         Examples
         --------
@@ -248,9 +237,9 @@ class Table(ReadOnly):
         Parameters
         ----------
         points : (M, ndim) array
-            States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
-            input of the step starts, one delay after the measurement, and True holds whatever has been measured; of a
-            measurement ask `Controller.admissible`.
+            States, in the units of the grid's axes. With a `Sensing` these are true states when the input of the step
+            starts, one delay after the measurement, and True holds whatever has been measured; of a measurement ask
+            `Controller.admissible`.
         start, within : int
             k, the step at which the robot is there, from 0 to N; and n, the most steps that it may take, by default and
             at most all that are left, N - start.
@@ -261,11 +250,6 @@ class Table(ReadOnly):
             False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
             whatever is interpolated between nodes. For a certified table True for every state in the target itself and
             clear of the unsafe sets, whatever its cell is.
-
-        Raises
-        ------
-        ValueError
-            If `points`, `start` or `within` does not fit.
 
         Examples
         --------
@@ -293,11 +277,6 @@ class Table(ReadOnly):
         ----------
         start, within : int
             The tube, as in `contains`.
-
-        Raises
-        ------
-        ValueError
-            If `start` or `within` does not fit.
 
         Examples
         --------
@@ -344,19 +323,13 @@ class Table(ReadOnly):
         Parameters
         ----------
         states : (M, ndim) array
-            In the units of the grid's axes.
         step, within : int
             The step k at which they all are, from 0 to N; and n, as above.
-
-        Returns
-        -------
-        Batch
-            `steps_to_go` (M,), -1 in no tube; `safe` (M, L) bool; `margins` (M, L), <= 0 where the next tube holds.
 
         Raises
         ------
         ValueError
-            If `states` is not (M, ndim) and finite, or a number does not fit.
+            If an argument does not fit, or a state is not finite.
 
         Examples
         --------
@@ -502,14 +475,9 @@ class Table(ReadOnly):
         Returns
         -------
         (M, L) array
-            For each state and input j the value of its avoid tube: <= 0 if u_j stays clear whatever the adversary does,
-            -inf if no set is unsafe under it. A table on a grid interpolates, and beyond a wall uses the value at the
-            wall; a certified table gives <= 0 only with proof.
-
-        Raises
-        ------
-        ValueError
-            If `states` or `step` does not fit.
+            The value of each input's avoid tube: <= 0 if it stays clear whatever the adversary does, -inf if no set is
+            unsafe under it. A table on a grid interpolates, and beyond a wall uses the value at the wall; a certified
+            table gives <= 0 only with proof.
 
         Examples
         --------
@@ -526,23 +494,17 @@ class Table(ReadOnly):
         raise NotImplementedError
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Level-set values of tubes at V points for each of M states, as computed: (M, V) for points (M, V, ndim).
+        """Level-set values of tubes at V points for each of M states, as computed: (M, V).
 
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
 
         Parameters
         ----------
         points : (M, V, ndim) array
-            In the units of the grid's axes.
         step : int
             k, from 0 to N.
         within : (M,) int array
             The steps to go of each row's tube, clipped to the range from 0 to N - step.
-
-        Raises
-        ------
-        ValueError
-            If a shape or the step does not fit.
 
         Examples
         --------

@@ -24,8 +24,7 @@ class Fallback:
         Index into problem.inputs.
     steps : int
         For how many steps it is promised to stay clear, whatever the adversary does: 1 if the state is in the input's
-        avoid tube (up to interpolation; for a certified table by proof), else 0. Always 0 off the grid. That the target
-        will be reached is never promised.
+        avoid tube (up to interpolation; for a certified table by proof), else 0, as always off the grid.
     hazard : float
         Level-set value of that avoid tube at the state: <= 0 inside, -inf if no set is unsafe under the input.
     """
@@ -78,10 +77,9 @@ class Filtered:
     inputs : (M,) int
         Indices into problem.inputs of the inputs to apply.
     commands : (M, m)
-        The values of these inputs, problem.inputs[inputs].
+        The values of these inputs.
     changed : (M,) bool
-        Whether they differ from the wanted ones. They always do if a command between the quantised inputs was wanted,
-        because only quantised inputs are solved for.
+        Whether they differ from the wanted ones; they always do if a command between the quantised inputs was wanted.
     overruled : (M,) bool
         Whether an input nearer to the wanted one was refused because it is not safe.
     promised : (M,) bool

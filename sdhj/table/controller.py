@@ -60,7 +60,7 @@ class Action:
     step : int
         The sampling time k to which the measurement belongs.
     steps_to_go : int or None
-        As `Controller.steps_to_go`, for the prediction; 0 is success, None if it is not admissible.
+        As `Controller.steps_to_go`, for the prediction.
     promised : bool
         Whether the input is promised to be safe and to make progress (`Batch.promised`); never after a missed deadline.
     late : float
@@ -92,14 +92,15 @@ class Controller:
     """Set-valued feedback from a table, for any state, at or between the nodes or off the grid (Algorithm 2).
 
     Queries take a state q (ndim,), in the units of the grid's axes, and the step k at which the robot is there, from 0
-    to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
-    valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
-    also while a solve runs. Making a controller loads and prepares what its answers need, so that the first one takes
-    no longer than others.
+    to N. If nothing depends on time, the step may be omitted: the answer for step 0 is valid at any time, so a robot
+    may run without end. Single states may be asked about from several threads at once, also while a solve runs. Making
+    a controller loads and prepares what its answers need, so that the first one takes no longer than others.
 
     With `Sensing`, states are predictions, made by `predict`; `step` does all that a control loop needs and, unless
     memory=False, carries a point on. No other loop is promised anything then: other queries take only this point or,
-    with `first=True`, what is predicted of a loop's first measurement; ValueError for others.
+    with `first=True`, what is predicted of a loop's first measurement.
+
+    All methods raise ValueError where an argument does not fit.
 
     Parameters
     ----------
@@ -108,17 +109,14 @@ class Controller:
     rule : {"deepest", "effort", "target", "clearance"}, CostToGo or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
-        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. A rule
-        with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked of all inputs after which the target can
-        still be reached by the last step (`allowed`), and the step has to be given always: `safe_inputs`, `batch` and
-        `step` speak of these inputs, too.
+        negative level-set value of the unsafe sets there. A rule with an attribute `all_left` that is true, as
+        `sdhj.CostToGo`, is asked of all inputs after which the target can still be reached by the last step
+        (`allowed`), and the step has to be given always: `safe_inputs`, `batch` and `step` speak of these, too.
 
     Attributes
     ----------
-    table, problem, rule
+    table, problem, rule, all_left
         As given; the problem is that of the table.
-    all_left : bool
-        Whether the rule chooses among all inputs after which the target can be reached by the last step.
     depends_on_time : bool
         Whether answers depend on the step, which then has to be given.
     last : Action or None
@@ -192,11 +190,6 @@ class Controller:
             0 means that q is in the target, for a certified table also where its cell is not as a whole. Without a
             target: the number of steps that are left.
 
-        Raises
-        ------
-        ValueError
-            If an argument does not fit.
-
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -228,8 +221,6 @@ class Controller:
         ------
         NotAdmissible
             If no tube of this step contains q.
-        ValueError
-            If an argument does not fit.
 
         Examples
         --------
@@ -292,17 +283,10 @@ class Controller:
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
         """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
 
-        For states that no tube contains, on the grid or off it.
-
         Parameters
         ----------
         q, step
-            As `Controller` explains.
-
-        Returns
-        -------
-        Fallback
-            `input`, an index into problem.inputs, and `steps`, for how many staying clear is promised; 0: for none.
+            As `Controller` explains; q may be off the grid.
 
         Raises
         ------
@@ -404,29 +388,22 @@ class Controller:
         """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j; it is as good with
-        memory=False alone.
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j; a loop of `select` is
+        as good only with memory=False.
 
         Parameters
         ----------
         measurement : (ndim,) or (M, ndim) array
-            One measured state, or many.
         previous : int or (M,) int, optional
             Index into problem.inputs of the input that acts until then; by default `Sensing.rest`, which acts before
             the first.
         step : int, optional
-            k; may be omitted if nothing depends on time.
 
         Returns
         -------
         array of the shape of `measurement`
             The true state will be within `problem.half_widths[0]` of it on each axis. A measurement that is off the
             grid by more than its error is returned as it is, and no tube contains it.
-
-        Raises
-        ------
-        ValueError
-            If an argument does not fit.
 
         Examples
         --------
@@ -459,11 +436,6 @@ class Controller:
         -------
         bool, or (M,) bool for many measurements
 
-        Raises
-        ------
-        ValueError
-            If an argument does not fit.
-
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -486,9 +458,8 @@ class Controller:
         Parameters
         ----------
         measurement : (ndim,) array
-            The measured state, in the units of the grid's axes.
         time : float
-            When it was taken, s after the loop began: near 0 for the first.
+            s after the loop began: near 0 for the first.
         fallback : bool
             Whether a prediction that is not admissible is answered by `Controller.fallback`; else NotAdmissible.
 
@@ -566,15 +537,10 @@ class Controller:
         step, first
             As `Controller` explains, for all states.
 
-        Returns
-        -------
-        sdhj.table.batches.Batch
-            With `choose`, the inputs to apply.
-
         Raises
         ------
         ValueError
-            If an argument does not fit, or a state has a NaN or an infinity.
+            If an argument does not fit, or a state is not finite.
 
         Examples
         --------
@@ -608,11 +574,6 @@ class Controller:
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
-
-        Returns
-        -------
-        Filtered
-            What to apply, whether that differs, and whether it is promised.
 
         Raises
         ------

@@ -82,11 +82,9 @@ class CostToGo(ReadOnly):
     J_k(q) = min_u c_k(q, u) + J_{k+1}(q'), for clearance max instead of +, with v = 0 (`sdhj.table.cost_to_go`). Other
     rules choose among the inputs that reach the target in the fewest steps; a controller with this one takes its time,
     and reaches it by the last step. It knows its time by the step, which has to be given where nothing else depends
-    on it. What is promised stays so: of a table on a grid inputs are taken that keep a third of a cell, as by
-    `Controller.filter`.
+    on it. What is promised stays so: on a grid inputs are taken that keep a third of a cell, as by `Controller.filter`.
 
-    Computing J asks the table once for each step and node of the grid. It takes 8 bytes for each, in memory also where
-    the table is stored.
+    Computing J asks the table once for each step and node of the grid, and takes 8 bytes of memory for each.
 
     Parameters
     ----------

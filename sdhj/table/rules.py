@@ -26,12 +26,10 @@ class Candidates:
         What the table answers for all states.
     rows, inputs : (P,) int array
         Index of the state in the batch, and of the input in problem.inputs.
-    states : (P, ndim) array
-    steps_to_go : (P,) int array
+    states, steps_to_go, margins : (P, ndim), (P,) int and (P,) arrays
+        As in `Batch`; all margins are <= 0, since all of these inputs are safe.
     before : (P,) int array
         Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
-    margins : (P,) array
-        The largest value of the next tube that the adversary can bring about; <= 0, since all of these inputs are safe.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 
@@ -53,17 +51,14 @@ class Candidates:
 
     @property
     def step(self) -> int:
-        """The step k at which the inputs start."""
         return self.batch.step
 
     @property
     def states(self) -> FloatArray:
-        """The states, (P, ndim)."""
         return self.batch.states[self.rows]
 
     @property
     def steps_to_go(self) -> FloatArray:
-        """The fewest steps to go of each pair's state: (P,) int."""
         return self.batch.steps_to_go[self.rows]
 
     @property

@@ -67,10 +67,10 @@ def entries(steps: int) -> FloatArray:
 class LookupTable(Table):
     """A solved problem on a grid: all tubes, and the inputs that are safe and make progress in them (Fig. 8).
 
-    `sdhj.solve` and `sdhj.load` make one; nobody else needs to. The tube (start=k, within=n), S_k^{N-n} in the paper,
-    holds the states from which the target is reached safely in at most n of the steps that are left at step k, that is
-    with n from 0 to N - k. `start` and `within` select such a tube, by default that of all steps from 0. ValueError
-    where an argument does not fit.
+    `sdhj.solve` and `sdhj.load` make one; nobody else needs to. `start` and `within` select a tube, by default that of
+    all steps from 0: (start=k, within=n), S_k^{N-n} in the paper, holds the states from which the target is reached
+    safely (without a target: those that stay clear) in at most n of the N - k steps that are left at step k.
+    All methods raise ValueError where an argument does not fit.
 
     Attributes
     ----------
@@ -135,11 +135,6 @@ class LookupTable(Table):
             <= 0 inside; a read-only view. These are the computed values, which are interpolated between the nodes;
             `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
 
-        Raises
-        ------
-        ValueError
-            If `start` or `within` does not fit.
-
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -160,11 +155,6 @@ class LookupTable(Table):
         ----------
         start, within : int
             The tube, as in `contains`.
-
-        Raises
-        ------
-        ValueError
-            If `start` or `within` does not fit.
 
         Examples
         --------
