@@ -469,16 +469,11 @@ def plot_command(
 
 
 def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int], FloatArray]:
-    """The two axes of a slice to be drawn, by number, and a state (ndim,) on it.
-
-    axes : "name,name", or None for the first two. at : "name=number" for each axis on which the state is not in the
-        middle. ValueError if the grid has one axis, or a name or number does not fit.
-    """
+    """The two axes of a slice, by number, and a state (ndim,) on it: in the middle but where `at` has "name=number"."""
     if grid.ndim < 2:
         raise ValueError("a slice has two axes, and this robot has one; `sdhj info` prints its shares")
 
     def axis_of(name: str) -> int:
-        """The number of the axis of a name, spaces around it ignored; ValueError if there is none."""
         if name.strip() not in grid.names:
             raise ValueError(f"there is no axis {name.strip()!r}; the axes are {', '.join(grid.names)}")
         return list(grid.names).index(name.strip())

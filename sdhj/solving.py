@@ -72,12 +72,11 @@ def solve(
         problem without a number of steps, `sdhj.Certified(seconds=10)`: what holds for ever needs a proof.
     progress : bool, optional
         Whether to show a progress bar, of tubes; by default if standard error is a terminal. For a problem without a
-        number of steps it shows the share of states that still change, and Ctrl-C ends the solve and returns the table
-        so far.
+        number of steps it shows the share of states that still change, and Ctrl-C returns the table so far.
     store : path, optional
-        A folder, for example "table", in which the table is built entry by entry, for tables larger than memory: what
-        has to fit is some 17 tubes, more where velocities depend on the state. The bits are those of a solve in memory.
-        Not for the method "certified" and for `sdhj.solver.joint.Joint`.
+        A folder in which the table is built entry by entry, bit for bit as in memory, for tables larger than that: what
+        has to fit is some 17 tubes, more where velocities depend on the state. Not for the method "certified" and for
+        `sdhj.solver.joint.Joint`.
     resume : bool
         Go on in a folder that an earlier solve of the same problem left unfinished; begin one if there is none.
     client : distributed.Client, optional
@@ -87,15 +86,13 @@ def solve(
         Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning;
         without a target half of them from within a cell of the tube's boundary, against a greedy adversary. Of a
         certified table whether to warn where it has next to nothing, and say why, for about the solve's time more, or a
-        second or two. Whatever this meets (no start, an undefined function, Ctrl-C, too little memory) becomes a
-        warning.
+        second or two. Whatever this meets becomes a warning.
 
     Returns
     -------
     LookupTable; CertifiedTable for method "certified"
-        With a store its arrays are mapped. What is warned of on the way, also before the solve, is in
-        `table.details["findings"]` (not with a store), each as a list of a cause, a number that says how much of it,
-        and what helps.
+        With a store its arrays are mapped; else `table.details["findings"]` has what is warned of on the way, each as a
+        list of a cause, a number that says how much of it, and what helps.
 
     Raises
     ------
@@ -202,9 +199,8 @@ def load(
     ----------
     path : path
     problem : ReachAvoidProblem, optional
-        The problem that the table was solved for. It is needed only if it has black boxes (`sdhj.BlackBox`), whose
-        functions a file cannot contain. It must be the problem of the solve, up to the rounding of another machine. If
-        it has no number of steps, it gets the number in the file.
+        The problem of the solve, up to the rounding of another machine; needed only if it has black boxes
+        (`sdhj.BlackBox`), whose functions a file cannot contain. If it has no number of steps, it gets the file's.
     check : bool, optional
         Whether all arrays are read and compared with their digests, by which damage is found; by default of a table of
         less than 1 GB. Head, names, types and shapes always are.

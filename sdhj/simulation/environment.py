@@ -42,7 +42,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     Parameters
     ----------
     table : Table
-    adversary : str or callable
+    adversary
         As for `sdhj.simulate`.
     shield : bool
         Whether `Controller.filter` replaces actions that are not safe, and on a grid those that are by less than a
