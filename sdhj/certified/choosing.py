@@ -56,8 +56,8 @@ from sdhj.certified.alone import axes_alone, proved_alone
 from sdhj.certified.arrivals import sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
-from sdhj.certified.general_proof import finest, peak_bytes, shapes
-from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, place_axes
+from sdhj.certified.general_proof import finest, peak_bytes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, moves_of, place_axes
 from sdhj.certified.packing import packed_axis
 from sdhj.certified.word_tubes import goes_along, in_words, pieces_of, size_in_words
 from sdhj.formulas.formula import BlackBox
@@ -449,7 +449,7 @@ def _taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, s
 
     parts : into which an interval is cut. speeds : of the problem.
     """
-    large = peak_bytes(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
+    large = peak_bytes(problem, axes, parts, moves_of(problem, axes, place_axes(problem, axes))[1])
     steps = problem.steps or losing_steps(problem, speeds)
     entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
     large += BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
@@ -691,8 +691,9 @@ def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, sp
     axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
     """
     depends = place_axes(problem, axes)
-    moves, clear = shapes(problem, axes, depends)[1:]
+    moves = moves_of(problem, axes, depends)[1]
     starts, count, places, ndim = moves
+    times = problem.most_steps if any(one.moving for one in problem.unsafe) else starts
     each = parts * starts * count
     calls, pieces = (each * finest(problem, parts, some) for some in ((starts, count, 1, ndim), moves))
     drift = problem.dynamics.drift
@@ -700,7 +701,7 @@ def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, sp
     return {
         # as many calls as of a single place, so that more cells never cost less
         "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),
-        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0], parts), speeds),
+        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, times, parts), speeds),
         "arrivals": _cost_of_arrivals(problem, axes, depends),
         "recursion": _cost_of_recursion(problem, axes, depends, speeds),
     }

@@ -1,15 +1,16 @@
 """Which inputs are clear from which cells of any problem, by bounds on its sets over boxes, and what follows of sets.
 
 Boxes of a lattice that may meet an unsafe set are counted, once for each part of an interval in which it moves; a tube
-is clear of the set where it overlaps none of them.
+is clear of the set where it overlaps none of them. Each set is asked about on the axes that it takes, and no others
+(`sdhj.certified.dangers`).
 """
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -17,6 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.arrivals import Arrivals, sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
+from sdhj.certified.dangers import Dangers, dangers_of, kept_together
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.packing import Changes, Packing
 from sdhj.certified.word_tubes import (
@@ -39,6 +41,7 @@ from sdhj.kernels.stencils import (
     CELLS_IN_CACHE,
     TOGETHER,
     Boxes,
+    Clear,
     Placed,
     add_marked,
     add_up,
@@ -119,19 +122,9 @@ TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for se
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
 
-def shapes(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
-) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """The strides of places, (ndim,), and the shapes of a proof's moves and of its `clear`: (strides, moves, clear).
-
-    moves is (starts, L, places, ndim), clear (starts, cells, bytes). The number of starts is 1, or N where the dynamics
-    depend on time, for `clear` also where an unsafe set moves.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
-    """
-    strides, moves = moves_of(problem, axes, depends)
-    times = problem.steps if any(unsafe_set.moving for unsafe_set in problem.unsafe) else moves[0]
-    return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
+def bytes_of_clear(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> int:
+    """The bytes of `GeneralProof.clear`, with these cells of each axis."""
+    return sum(math.prod(one.shape(problem, axes)) for one in kept_together(dangers_of(problem)))
 
 
 def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> float:
@@ -146,13 +139,10 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
     return min(max(EVALUATED / (math.prod(moves[:-1]) * parts * 2), 1.0), FINEST)
 
 
-def peak_bytes(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
-) -> int:
+def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int]) -> int:
     """The bytes that a solve by a general proof takes at most, without the sets that it finds; an estimate from above.
 
-    axes : the cells of each axis. parts : into which an interval is cut. moves, clear : the shapes of these arrays, as
-    `shapes` returns them.
+    axes : the cells of each axis. parts : into which an interval is cut. moves : the shape of moves (`moves_of`).
     """
     own = place_axes(problem, axes)
     tested = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
@@ -161,12 +151,25 @@ def peak_bytes(
         for part in problem.all_sets
         if not any(part is one for one in tested)
     ]
-    needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
+    needed = 4 * math.prod(moves) + bytes_of_clear(problem, axes) + 9 * math.prod(axis.count for axis in axes)
     needed += 8 * size_in_words(axes) * (moves[1] + SETS_AT_HAND) if tested else 0
     needed += math.prod(sites_of(problem, axes, own)[1])
     if own[-1]:  # once more, as the recursion asks for them
-        needed += 4 * math.prod(moves[1:]) + math.prod(clear[1:])
+        needed += 4 * math.prod(moves[1:])
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
+
+
+class _Asked(NamedTuple):
+    """What tubes are tested by, of the cells of some axes alone: those of `dangers`.
+
+    layout : the cells in memory, without lines. place (places,) : at which of these cells' places a place is, -1 for
+    one that differs from another on other axes only. bits (starts, cells, bytes) uint8 : as `GeneralProof.clear`.
+    """
+
+    dangers: Dangers
+    layout: Placed
+    place: FloatArray
+    bits: FloatArray
 
 
 @dataclass(frozen=True)
@@ -177,9 +180,9 @@ class GeneralProof(Images):
 
     Attributes
     ----------
-    clear : (starts, cells, bytes) uint8
-        Bit j % 8 of byte j // 8: under u_j all states of the cell stay clear of the unsafe sets and unsafe ends over an
-        interval. starts is 1 where neither the dynamics nor an unsafe set depend on time, else N.
+    clear : (bytes,) uint8
+        Behind each other, for each of `dangers`, (starts, cells, bytes) of the cells of its axes. Bit j % 8 of byte
+        j // 8: under u_j all states of the cell stay clear of its unsafe sets and unsafe ends over an interval.
     sites : (ndim,) int64
         The strides of sites: a cell is at the site with number sum(cell * sites).
     arrives : (starts, sites, bytes) uint8
@@ -202,24 +205,58 @@ class GeneralProof(Images):
         much memory (the function `peak_bytes`).
         """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
-        (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
-        require_memory(
-            peak_bytes(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells"
-        )
+        (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
+        require_memory(peak_bytes(problem, axes, parts, moves), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
-        marks = np.full(clear, 255, np.uint8), sites, np.zeros(arrives, np.uint8)
+        marks = np.full(bytes_of_clear(problem, axes), 255, np.uint8), sites, np.zeros(arrives, np.uint8)
         return cls(problem, axes, parts, strides, low, high, *marks)
 
     @property
     def nbytes(self) -> int:
         """The bytes that the proof's arrays take in memory."""
-        arrays = [*vars(self).values(), *self.layout]
-        return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
+        return sum(part.nbytes for part in vars(self).values() if isinstance(part, np.ndarray))
 
     @property
     def peak_bytes(self) -> int:
         """The bytes that a solve takes at most, without the sets that it finds (the function `peak_bytes`)."""
-        return peak_bytes(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
+        return peak_bytes(self.problem, self.axes, self.parts, self.low.shape)
+
+    @cached_property
+    def dangers(self) -> tuple[Dangers, ...]:
+        """The dangers whose bits are kept together, in the order of `clear`."""
+        return kept_together(dangers_of(self.problem))
+
+    @property
+    def starts(self) -> int:
+        """For how many steps moves or clear inputs are known: 1 where they are those of all."""
+        return max([len(self.low), *(one.shape(self.problem, self.axes)[0] for one in self.dangers)])
+
+    @property
+    def bits_of_clear(self) -> list[FloatArray]:
+        """The parts of `clear`, for each of `dangers`: (starts, cells, bytes), views."""
+        shapes, begin, out = [one.shape(self.problem, self.axes) for one in self.dangers], 0, list[FloatArray]()
+        for shape in shapes:
+            out.append(self.clear[begin : begin + math.prod(shape)].reshape(shape))
+            begin += math.prod(shape)
+        return out
+
+    def clear_at(self, step: int) -> Clear:
+        """Where the bits of clear inputs are in an interval from a step, as arrays for compiled code, `Clear`."""
+        begin, strides, total = list[int](), list[FloatArray](), 0
+        for one in self.dangers:
+            shape, counts = one.shape(self.problem, self.axes), self._counts(one)
+            begin.append(total + min(step, shape[0] - 1) * shape[1] * shape[2])
+            strides.append(_strides(counts) * (counts > 1) * shape[2])
+            total += math.prod(shape)
+        ndim = len(self.axes)
+        found = np.array(begin, np.int64), np.array(strides, np.int64).reshape(-1, ndim)
+        return Clear(self.clear, *read_only(found))
+
+    def _counts(self, dangers: Dangers) -> FloatArray:
+        """How many cells there are along each axis, (ndim,), 1 on those that the dangers are not asked about on."""
+        own = np.zeros(len(self.axes), np.bool_)
+        own[[*dangers.axes]] = True
+        return np.where(own, self.cells.counts, 1)
 
     def inputs(
         self,
@@ -244,15 +281,16 @@ class GeneralProof(Images):
         lines : whether the cells come in lines along the axis `along`, which takes less time; not used where there is
             no such axis.
         """
-        out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
+        out, clear = among.copy(), self.clear_at(step)
         if len(sets) and lines and self.along >= 0:
             certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets[:0], pool, out)
             inputs_in_lines(some, steps_left, self.cells, self.moves(step), self.along, sets, pool, out)
         else:
             certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets, pool, out)
         if len(sets) and len(self.arrives):
-            numbers = np.ravel_multi_index(tuple(some.T), self.cells.counts.tolist())
-            bits = clear[numbers] & self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
+            bits = self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
+            for begin, strides in zip(clear.begin, clear.strides, strict=True):
+                bits = bits & clear.bits[(begin + some @ strides)[:, None] + np.arange(bits.shape[1])]
             rows = np.flatnonzero(bits.any(axis=1) & (steps_left > 0))
             every = np.unpackbits(bits[rows], axis=1, count=out.shape[1], bitorder="little").view(np.bool_)
             out[rows] |= every & among[rows]
@@ -262,10 +300,11 @@ class GeneralProof(Images):
     def entry_in_head(self) -> dict[str, Any]:
         """The proof's part of a file's head, which `load` is handed again: values that JSON can hold.
 
-        "parts", "own": for each axis whether it is one of a place, "unsure": E; "arrives": True where there are
-        arrivals.
+        "parts", "own": for each axis whether it is one of a place, "unsure": E, "clear": the axes, sets and ends of
+        each part of the array; "arrives": True where there are arrivals.
         """
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
+        told["clear"] = [one.entry_in_head for one in self.dangers]
         return told | ({"arrives": True} if len(self.arrives) else {})
 
     @property
@@ -284,49 +323,48 @@ class GeneralProof(Images):
         ValueError where what is stated, or the shape or the type of an array, does not fit the problem and its cells;
         the bits of the arrays are not checked.
         """
-        if unknown := stated.keys() - {"parts", "own", "unsure", "arrives"}:
+        if unknown := stated.keys() - {"parts", "own", "unsure", "clear", "arrives"}:
             raise ValueError(
                 f"its proof has {', '.join(sorted(unknown))}, which this version does not know; solve it anew"
             )
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
-        own = np.array(stated["own"], np.bool_)
-        (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
+        if stated["clear"] != [one.entry_in_head for one in kept_together(dangers_of(problem))]:
+            raise ValueError(f"unsafe sets must be asked about on their own axes, got {stated['clear']}")
+        own, clear = np.array(stated["own"], np.bool_), bytes_of_clear(problem, axes)
+        (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
         arrays = read_array(file, "low", "int16", moves), read_array(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        marks = read_array(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
+        marks = read_array(file, "clear", "uint8", (clear,)), sites, np.zeros((0, 0, 0), np.uint8)
         if stated.get("arrives"):
             marks = *marks[:2], read_array(file, "arrives", "uint8", arrives)
         return cls(problem, axes, parts, strides, *read_only((*arrays, *marks)))
 
     # ---- the recursion; sets are (rows, W) uint64
 
-    @kept
-    def layout(self) -> Placed:
-        """Where the cells are in memory (`Placed`), by place and then by the axes of no place; made once, at first use.
-
-        There are no lines here; `_mark_alike_cells` adds those that it needs.
-        """
-        counts, depends = self.cells.counts, self.strides > 0
-        edges = np.full((len(counts), counts.max() + 1), np.nan)
+    @cached_property
+    def _asked(self) -> list[_Asked]:
+        """What tubes are tested by, for all dangers of the same axes; those of `dangers` write to `clear` itself."""
+        edges = np.full((len(self.axes), self.cells.counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
-        return Placed(
-            counts,
-            self._numbers(depends),
-            np.zeros(0, np.int64),
-            0,
-            0,
-            0,
-            edges,
-            self.open_ends + SIDES[:, 0] * self.shell,
-        )
+        safe, nothing = self.open_ends + SIDES[:, 0] * self.shell, np.zeros(0, np.int64)
+        whole, out = dict(zip((one.axes for one in self.dangers), self.bits_of_clear, strict=True)), list[_Asked]()
+        at_place = self.cells_at(np.arange(self.low.shape[2]))
+        for one in dangers_of(self.problem):
+            counts = self._counts(one)
+            begin = _numbers(self.strides > 0, counts)
+            others = np.isin(np.arange(len(counts)), one.axes, invert=True)
+            first = ~at_place[:, others].any(axis=1)  # of the places that differ on other axes only
+            place = np.where(first, np.cumsum(first) - 1, -1)
+            layout = Placed(*read_only((counts, begin)), nothing, 0, 0, 0, *read_only((edges, safe)))
+            bits = whole.get(one.axes)
+            out.append(_Asked(one, layout, place, self._unmarked(one) if bits is None else bits))
+        return out
 
-    def _numbers(self, which: FloatArray) -> FloatArray:
-        """The numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool, in C order."""
-        counts = self.cells.counts
-        each = zip(np.cumprod([1, *counts[:0:-1]])[::-1], np.where(which, counts, 1), strict=True)
-        return np.asarray(reduce(np.add.outer, [flat * np.arange(count) for flat, count in each])).ravel()
+    def _unmarked(self, dangers: Dangers) -> FloatArray:
+        """Bits (starts, cells, bytes) uint8 by which all inputs are clear of dangers from everywhere."""
+        return np.full(dangers.shape(self.problem, self.axes), 255, np.uint8)
 
     def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.
@@ -353,6 +391,7 @@ class GeneralProof(Images):
         self.fill(pieces, progress, use)
         for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):
             self._mark_in_words(unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
+        self._unite()
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
 
@@ -368,10 +407,14 @@ class GeneralProof(Images):
             one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
         )
 
-    @property
-    def _sets_tested_by_cell(self) -> list[UnsafeSet]:
-        """The unsafe sets that tubes are tested against cell by cell: those that are not in `sets_tested_in_words`."""
-        return [part for part in self.problem.unsafe if part not in self.sets_tested_in_words]
+    def _unite(self) -> None:
+        """Clear in `clear` what was marked of dangers that are kept with those of more axes."""
+        for one, bits in zip(self.dangers, self.bits_of_clear, strict=True):
+            every = bits.reshape(len(bits), *self._counts(one).tolist(), -1)
+            for own in self._asked:
+                part_of_it = {*own.dangers.sets} <= {*one.sets} and {*own.dangers.ends} <= {*one.ends}
+                if part_of_it and own.dangers.axes != one.axes:
+                    every &= own.bits.reshape(len(own.bits), *own.layout.counts.tolist(), -1)
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
         """Clear in `clear` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
@@ -380,6 +423,7 @@ class GeneralProof(Images):
         tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along its axes.
         """
         own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
+        asked = next(one for one in self._asked if self.problem.unsafe.index(unsafe_set) in one.dangers.sets)
         axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
         lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
         first, last = windows(lattice, NARROW * scale, tubes)
@@ -387,12 +431,14 @@ class GeneralProof(Images):
         for step, times in enumerate(spans):
             starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
             each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
-            for start, place in itertools.product(starts, range(tubes.shape[2])):
+            for start, place in itertools.product(starts, np.flatnonzero(asked.place >= 0).tolist()):
                 ends = (one[start, :, place].reshape(-1, len(own)) for one in (first, last))
                 met = self._cells_meeting_set(unsafe_set, each, lattice, *ends)
-                steps = range(len(self.clear)) if len(spans) == len(tubes) == 1 else [max(step, start)]
+                steps = range(len(asked.bits)) if len(spans) == len(tubes) == 1 else [max(step, start)]
+                rows = _numbers(np.isin(np.arange(len(self.axes)), own[:-1]), asked.layout.counts)
+                begin, each_row = asked.layout.begin[asked.place[place]] + rows, (len(met), len(rows), -1)
                 for at in steps:
-                    self._clear_bits(at, place, unsafe_set, met)
+                    clear_inputs_that_meet(asked.bits[at], begin, met.reshape(each_row), self.axes[-1].count)
 
     def _cells_meeting_set(
         self, unsafe_set: UnsafeSet, each: Sequence[FloatArray], lattice: Lattice, first: FloatArray, last: FloatArray
@@ -414,96 +460,76 @@ class GeneralProof(Images):
                     met[j] |= cells
         return met
 
-    def _clear_bits(self, step: int, place: int, unsafe_set: UnsafeSet, met: FloatArray) -> None:
-        """Clear in clear[step], in place, the bits of the inputs by which cells at one place may meet `unsafe_set`.
-
-        place : its number. met (L, n1, ..., W) uint64 : as `_cells_meeting_set` returns it; it holds for cells anywhere
-        on the axes that neither the set nor a place has.
-        """
-        inside, others = np.zeros((2, len(self.axes)), np.bool_)
-        inside[list(unsafe_set.axes[:-1])], others[self.strides == 0] = True, True
-        others[list(unsafe_set.axes)] = False
-        rows, beside = self._numbers(inside), self._numbers(others)
-        begin = self.layout.begin[place] + rows
-        clear_inputs_that_meet(
-            self.clear[step], begin, beside, met.reshape(len(met), len(rows), -1), self.axes[-1].count
-        )
-
     def _mark_collisions(
-        self,
-        lattices: list[list[Boxes]],
-        start: int,
-        j: int,
-        some: FloatArray,
-        tubes: FloatArray,
-        at_ends: FloatArray | None = None,
+        self, lattices: Mapping[int, list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
-        It does so for all steps that have these moves; sets that stand still are tested once for all of them. Sets in
-        `sets_tested_in_words`, and those that do not count under u_j, are left out.
+        Sets in `sets_tested_in_words` are left out.
 
-        lattices : for each set in `_sets_tested_by_cell` one lattice for each step, or a single one if the set stands
-            still (`_lattices`).
+        lattices : by the number of an unsafe set one lattice for each step, or a single one if the set stands still
+            (`_lattices`).
         start : the index of the interval in `low` and `high`.
-        some (M,) : places, consecutive numbers.
-        tubes (M, parts, ndim, 2) : their tubes, as `Images.swept` returns them.
-        at_ends (M, parts, ndim, 2) : the tubes that must not leave by an unsafe end; None: `tubes`.
+        some (M,) : places, consecutive numbers. tubes (M, parts, ndim, 2) : their tubes (`Images.swept`).
         """
-        leaving = tubes if at_ends is None else at_ends
-        grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
-        still = np.full(self.clear.shape[1], 255, np.uint8)
-        rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
-        faces = np.stack(grid.faces("fails"))
-        if np.isfinite(faces).any():
-            faces += np.stack([-rounding, rounding])
-            ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._mark_alike_cells(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
-        own = [one for one, part in zip(lattices, self._sets_tested_by_cell, strict=True) if part.counts(j)]
-        for lattice in (one for one in own if len(one) == 1):
-            self._clear_where_tubes_meet(still, tubes, places, lattice[0], bit)
-        for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
-            clear = self.clear[step, :, j // 8] & still
-            for lattice in (one for one in own if len(one) > 1):
-                self._clear_where_tubes_meet(clear, tubes, places, lattice[step], bit)
-            self.clear[step, :, j // 8] = clear
+        for asked in self._asked:
+            rows = np.flatnonzero(asked.place[some] >= 0)
+            if rows.size:
+                first = int(asked.place[some[rows[0]]])
+                own = tubes if rows.size == some.size else np.ascontiguousarray(tubes[rows])
+                self._mark_where_met(asked, lattices, start, j, (first, first + rows.size), own)
 
-    def _clear_where_tubes_meet(
-        self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any
+    def _mark_where_met(
+        self,
+        asked: _Asked,
+        lattices: Mapping[int, list[Boxes]],
+        start: int,
+        j: int,
+        places: tuple[int, int],
+        tubes: FloatArray,
     ) -> None:
-        """Clear `bit`, a mask, in `clear` (cells,) uint8, in place, for cells whose tube may meet the set of a lattice.
+        """Clear the bit of u_j in `asked.bits`, in place, for all steps with these moves.
 
-        tubes (M, parts, ndim, 2) : of the places with numbers places[0] to places[1] - 1; cells at others are left.
+        Sets that stand still are tested once for all of them, and sets that do not count under u_j are left out.
+
+        lattices, start : as for `_mark_collisions`. places : (begin, end), as `asked.layout` numbers them. tubes : of
+        these places.
         """
-        together = TOGETHER if clear.size > CELLS_IN_CACHE else 1
-        self._mark_alike_cells(
-            clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some, together)
-        )
+        dangers, bit = asked.dangers, np.uint8(1 << j % 8)
+        still = np.full(asked.bits.shape[1], 255, np.uint8)
+        if dangers.ends:
+            layout = self._in_lines(asked.layout, dangers.ends)
+            mark_exits(still, tubes, places, self._faces(dangers.ends), bit, layout)
+        own = [number for number in dangers.sets if number in lattices and self.problem.unsafe[number].counts(j)]
 
-    def _mark_alike_cells(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Let `mark` clear bits of `clear` (cells,) uint8, in place, looking at one cell of those that are alike.
+        def mark(clear: FloatArray, lattice: Boxes) -> None:
+            """Clear the bit in `clear` (cells,) uint8, in place, for cells whose tube may meet the set of a lattice."""
+            together = TOGETHER if clear.size > CELLS_IN_CACHE else 1
+            layout = self._in_lines(asked.layout, lattice.axes.tolist())
+            mark_collisions(clear, tubes, places, lattice, bit, layout, together)
 
-        axes : those of an unsafe set, or with an unsafe end. mark(bits, layout) : clears bits of `bits` (cells,) uint8,
-        in place, looking at the cells of the `Placed`; what it returns is not used.
+        for lattice in (lattices[number][0] for number in own if len(lattices[number]) == 1):
+            mark(still, lattice)
+        for step in range(len(asked.bits)) if len(self.low) == 1 else (start,):
+            clear = asked.bits[step, :, j // 8] & still
+            for number in (number for number in own if len(lattices[number]) > 1):
+                mark(clear, lattices[number][step])
+            asked.bits[step, :, j // 8] = clear
 
-        Cells are alike if they differ only on axes that are neither in `axes` nor those of a place, and no end is safe:
-        what is cleared for one is cleared for all. The cells that are looked at come in lines along the last of `axes`
-        on which cells at one place differ.
-        """
-        alike = (self.strides == 0) & ~np.isfinite(self.open_ends).any()
-        alike[axes] = False
-        counts, some = self.layout.counts, (self.strides == 0) & ~alike
+    def _faces(self, ends: Sequence[int]) -> FloatArray:
+        """The coordinates of the unsafe ends of some axes, by rounding farther out, infinite for others: (2, ndim)."""
+        grid, others = self.problem.grid, np.isin(np.arange(len(self.axes)), ends, invert=True)
+        rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
+        faces = np.stack(grid.faces("fails")) + np.stack([-rounding, rounding])
+        return np.where(others, np.stack([-np.full(others.size, np.inf), np.full(others.size, np.inf)]), faces)
+
+    def _in_lines(self, layout: Placed, axes: Sequence[int]) -> Placed:
+        """A layout with its cells in lines along the last of some axes on which cells at one place differ."""
+        counts, some = layout.counts, (self.strides == 0) & (layout.counts > 1)
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
         some[along] &= length == 1
-        layout = self.layout._replace(offset=self._numbers(some), axis=along, stride=stride, length=length)
-        if not alike.any():
-            mark(clear, layout)
-            return
-        first = np.full(clear.size, 255, np.uint8)
-        mark(first, layout)
-        every = clear.reshape(counts)
-        every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
+        return layout._replace(offset=_numbers(some, counts), axis=along, stride=stride, length=length)
 
     @kept
     def _sway(self) -> FloatArray:
@@ -532,17 +558,17 @@ class GeneralProof(Images):
             out.append([(t0 - late, t1 + late) for t0, t1 in cuts])
         return out
 
-    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
-        """For each of `_sets_tested_by_cell` its lattices (`lattice_of`): one for each step, or one if it stands still.
+    def _lattices(self, progress: bool | None) -> dict[int, list[Boxes]]:
+        """The lattices (`lattice_of`) of each unsafe set, by its number: one for each step, or one if it stands still.
 
-        progress : whether to show a bar, as for `sdhj.solve`.
+        None of sets that are tested in words. progress : whether to show a bar, as for `sdhj.solve`.
         """
-        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes)
-        return [
-            [made(part, times, len(spans), self._sway) for times in spans]
-            for part in tqdm(self._sets_tested_by_cell, desc="unsafe sets", leave=False, disable=hidden(progress))
-            for spans in [self._spans(part)]
-        ]
+        made, out = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes), dict[int, list[Boxes]]()
+        each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
+        for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
+            spans = self._spans(part)
+            out[number] = [made(part, times, len(spans), self._sway) for times in spans]
+        return out
 
     def goal(self, step: int) -> FloatArray:
         """S_k^0 for k = step, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
@@ -591,7 +617,7 @@ class GeneralProof(Images):
         changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
             may be there are asked about. None: all are.
         """
-        prepared.add(cells, following, step, changed, self.clear)
+        prepared.add(cells, following, step, changed)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.
@@ -600,5 +626,16 @@ class GeneralProof(Images):
         used where neither the dynamics, the target nor an unsafe set depend on time.
         """
         if len(self.arrives):
-            arrives, clear = (marks[min(step, len(marks) - 1)] for marks in (self.arrives, self.clear))
-            add_marked(cells, clear, arrives, self.sites, self.cells.counts)
+            arrives = self.arrives[min(step, len(self.arrives) - 1)]
+            add_marked(cells, self.clear_at(step), arrives, self.sites, self.cells.counts)
+
+
+def _strides(counts: FloatArray) -> FloatArray:
+    """By how much the flat number of a cell grows along each axis, the last fastest; counts (ndim,) of cells."""
+    return np.cumprod([1, *counts[:0:-1].tolist()])[::-1]
+
+
+def _numbers(which: FloatArray, counts: FloatArray) -> FloatArray:
+    """The numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool, in C order."""
+    each = zip(_strides(counts), np.where(which, counts, 1), strict=True)
+    return np.asarray(reduce(np.add.outer, [flat * np.arange(count) for flat, count in each])).ravel()

@@ -16,7 +16,7 @@ from sdhj.certified.cells import CellAxis
 from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.packed import Cells, swap_packed
-from sdhj.kernels.stencils import Moves, grow
+from sdhj.kernels.stencils import Clear, Moves, grow
 from sdhj.kernels.windows import add_predecessors
 from sdhj.problem.grid import Grid
 
@@ -45,13 +45,13 @@ class _Swapped(NamedTuple):
 
     cells : the cells of all axes. moves : the images of the step's interval.
     far (2, ndim) : the box of `Images.farthest_moves` for this interval.
-    marks (cells, bytes) uint8 : the bits of clear inputs.
+    clear : the bits of clear inputs.
     """
 
     cells: Cells
     moves: Moves
     far: FloatArray
-    marks: FloatArray
+    clear: Clear
 
 
 class Packing:
@@ -68,7 +68,7 @@ class Packing:
     order : (ndim,) int64
         The axes, with `axis` and the last in each other's place.
     known : dict
-        The last step that was asked for, as an index of moves and marks, and what `_at` returned for it.
+        The last step that was asked for, as an index of moves and clear inputs, and what `_at` returned for it.
     """
 
     def __init__(self, proof: Any) -> None:
@@ -80,19 +80,18 @@ class Packing:
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}
 
-    def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray) -> None:
+    def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Add to `cells` each cell whose image under a clear input is in `following`; in place.
 
         Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input.
 
         cells, following (rows, W) uint64 : sets packed along the last axis. following : is not modified.
-        step : that of `cells`; where moves or marks are known for one step only, these are taken.
+        step : that of `cells`; where moves or clear inputs are known for one step only, these are taken.
         changed : the rows of `following`, and bits, that differ from the set that was `following` when `cells` was
             made; only words of cells whose images may hold one are looked at. None: all are. Not used where all cells
             move alike.
-        marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear.
         """
-        some = self._at(step, marks)
+        some = self._at(step)
         if self.alike:
             self._add_alike(cells, following, some)
             return
@@ -117,16 +116,16 @@ class Packing:
 
         cells : (rows, W) uint64, modified in place: cells are added, or taken away where sets shrink.
         following : (rows, W) uint64, as for `add`; both are packed along the last axis.
-        some : cells, moves and marks of the interval, of `_at`.
+        some : of the interval, of `_at`.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
-        lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
+        lattice = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones)
         out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
         boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
         led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_predecessors(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)
+            add_predecessors(missing.reshape(cells.shape), some.clear, inputs, wanted, led, some.cells.counts)
         cells[...] = led if self.proof.shrinks else cells | led
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
@@ -136,7 +135,7 @@ class Packing:
         """
         near = np.full(cells.shape, True) if changed is None else reached_words(*changed, some.far, some.cells)
         extended = self._extended(following, some)
-        grow(near, cells, extended, some.marks, some.moves, some.cells, self.proof.shrinks)
+        grow(near, cells, extended, some.clear, some.moves, some.cells, self.proof.shrinks)
 
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
         """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
@@ -153,21 +152,18 @@ class Packing:
             return following
         return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]
 
-    def _at(self, step: int, marks: FloatArray) -> _Swapped:
-        """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
-
-        marks (starts, cells, bytes) : as for `Packing.add`.
-        """
-        proof, at = self.proof, min(step, max(len(marks), len(self.proof.low)) - 1)
+    def _at(self, step: int) -> _Swapped:
+        """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`."""
+        proof, at = self.proof, min(step, self.proof.starts - 1)
         if at not in self.known:
             moves, far = proof.moves(at), proof.farthest_moves[min(at, len(proof.farthest_moves) - 1)]
-            some = _Swapped(proof.cells, moves, far, marks[min(at, len(marks) - 1)])
+            some = _Swapped(proof.cells, moves, far, proof.clear_at(at))
             self.known = {at: some if self.axis == len(self.order) - 1 else self._in_order(some)}
         return self.known[at]
 
     def _in_order(self, some: _Swapped) -> _Swapped:
         """What `some` has, in the order of axes `order`: with `axis` and the last one exchanged, as new arrays."""
-        order, number = self.order, some.marks.shape[-1]
+        order = self.order
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
             """The NamedTuple `told` with its fields `names`, whose last dimension is the axes, taken in `order`."""
@@ -176,9 +172,8 @@ class Packing:
 
         cells = in_order(some.cells, ("lower", "width", "length", "layers", "counts", "periodic"))
         moves = in_order(some.moves, ("low", "high", "strides", "safe"))
-        marks = np.swapaxes(some.marks.reshape(*some.cells.counts, number), self.axis, len(order) - 1)
-        marks = np.ascontiguousarray(marks.reshape(-1, number))
-        return _Swapped(cells, moves, *read_only((np.ascontiguousarray(some.far[..., order]), marks)))
+        clear = in_order(some.clear, ("strides",))
+        return _Swapped(cells, moves, read_only(np.ascontiguousarray(some.far[..., order])), clear)
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
         """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead: (rows', W') uint64, new.

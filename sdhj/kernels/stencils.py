@@ -13,7 +13,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.packed import BIT, bits_between, has_bits, row_and_bit, shifted_word
+from sdhj.kernels.packed import BIT, bits_between, has_bits, shifted_word
 
 
 class Moves(NamedTuple):
@@ -30,6 +30,19 @@ class Moves(NamedTuple):
     high: FloatArray
     strides: FloatArray
     safe: FloatArray
+
+
+class Clear(NamedTuple):
+    """From which cells each input is clear in one interval, for each of G kinds of dangers on axes of its own.
+
+    bits (bytes,) uint8 : all of them. begin (G,) : where a kind's bits begin. strides (G, ndim) : by how many bytes
+    they go on along each axis, 0 along one that the kind does not have. Input j is bit j % 8 of byte j // 8 from
+    there, and has to be clear of all kinds.
+    """
+
+    bits: FloatArray
+    begin: FloatArray
+    strides: FloatArray
 
 
 class Boxes(NamedTuple):
@@ -62,6 +75,30 @@ def cell_of(number, counts, cell):
         axis = counts.size - 1 - back
         cell[axis] = number % counts[axis]
         number //= counts[axis]
+
+
+@kernel(inline="always")
+def begins_of_clear(cell, clear, begins):
+    """Write to begins (G,) where the bytes of a cell (ndim,) begin in a `Clear`, but for its index on the last axis."""
+    for kind in range(begins.size):
+        begins[kind] = clear.begin[kind]
+        for axis in range(cell.size - 1):
+            begins[kind] += cell[axis] * clear.strides[kind, axis]
+
+
+@kernel(inline="always")
+def is_clear(clear, begins, bit, j):
+    """Whether input j is clear of all dangers of a `Clear` from the cell with index `bit` on the last axis.
+
+    begins (G,) : of its row, as `begins_of_clear` wrote it.
+    """
+    out = True
+    for kind in range(begins.size):
+        at = begins[kind] + bit * clear.strides[kind, clear.strides.shape[1] - 1]
+        out &= (clear.bits[at + (j >> 3)] >> (j & 7)) & 1 != 0
+        if not out:
+            break
+    return out
 
 
 @kernel(**UNCOUNTED)
@@ -215,7 +252,7 @@ def grow(near, inside, following, clear, moves, cells, keep):
 
     near (R, W) bool : the words. inside, following (R, W) uint64 : the two sets; `inside` is modified in place. Where
         all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
-    clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
+    clear : the `Clear`. moves : the `Moves`. cells : the `Cells`.
     keep : bool, whether cells are taken away instead of added.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
@@ -223,26 +260,26 @@ def grow(near, inside, following, clear, moves, cells, keep):
         row = np.int64(i)
         if near[row].any():
             images_in = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
-            at = np.empty((4, ndim), np.int64)
-            grow_row(row, near[row], inside[row], index, following, clear, moves, cells, keep, at, images_in)
+            at, begins = np.empty((4, ndim), np.int64), np.empty(clear.begin.size, np.int64)
+            grow_row(row, near[row], inside[row], index, following, clear, moves, cells, keep, at, images_in, begins)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices, images_in):
+def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices, images_in, begins):
     """Add to one row of a set the cells that moves lead into another; for `keep`, keep only such cells. In place.
 
     What `grow` does, for row number `row`.
 
     near (W,) : the words of the row that are looked at. inside (W,) : the row itself, modified in place. index (R,),
         pool : the other set by the number of each row's block, and the blocks.
-    clear (cells, bytes) uint8 : a bit for each clear move of each cell. moves : the `Moves`. cells : the `Cells`.
-    keep : bool.
-    indices (4, ndim) int64, images_in (L,) uint64 : overwritten; the second is of length 0 unless `pool` is extended as
-        in `images_inside`.
+    clear : the `Clear`. moves : the `Moves`. cells : the `Cells`. keep : bool.
+    indices (4, ndim) int64, images_in (L,) uint64, begins (G,) int64 : overwritten; the second is of length 0 unless
+        `pool` is extended as in `images_inside`.
     """
     begin, tried = 0, 0
     last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
     cell_of(row * last, cells.counts, cell)
+    begins_of_clear(cell, clear, begins)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
     for word in range(inside.size):
@@ -255,11 +292,11 @@ def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices,
         for bit in range(64 * word, min(64 * word + 64, last)):
             if not (asked >> np.uint64(bit & 63)) & BIT:
                 continue
-            cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
+            cell[cell.size - 1], found = bit, (some >> np.uint64(bit & 63)) & BIT != 0
             place = begin + bit * moves.strides[cell.size - 1]
             for turn in range(count if found else 0):
                 j = (tried + turn) % count  # what served before is tried first
-                found = (clear[number, j >> 3] >> (j & 7)) & 1 != 0
+                found = is_clear(clear, begins, bit, j)
                 if found and images_in.size > 0:
                     found = (images_in[j] >> np.uint64(bit & 63)) & BIT != 0
                 elif found:
@@ -273,22 +310,26 @@ def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices,
 
 @kernel(parallel=True)
 def add_marked(inside, clear, marks, strides, counts):
-    """Add to a set, in place, the cells for which clear[cell] and marks[site] have a bit in common.
+    """Add to a set, in place, the cells from which an input is clear that has a bit in marks[site].
 
-    inside (R, W) uint64 : the set. clear (cells, bytes), marks (sites, bytes) uint8.
+    inside (R, W) uint64 : the set. clear : the `Clear`. marks (sites, bytes) uint8.
     strides, counts (ndim,) : a cell is at the site sum(cell * strides); the numbers of cells.
     """
     last = counts[counts.size - 1]
     for i in prange(inside.shape[0]):
-        site, rest = 0, np.int64(i)
-        for back in range(1, counts.size):
-            axis = counts.size - 1 - back
-            site += rest % counts[axis] * strides[axis]
-            rest //= counts[axis]
+        site, cell, begins = 0, np.empty(counts.size, np.int64), np.empty(clear.begin.size, np.int64)
+        cell_of(np.int64(i) * last, counts, cell)
+        begins_of_clear(cell, clear, begins)
+        for axis in range(counts.size - 1):
+            site += cell[axis] * strides[axis]
         for bit in range(last):
             at = site + bit * strides[counts.size - 1]
             for byte in range(marks.shape[1]):
-                if marks[at, byte] & clear[i * last + bit, byte]:
+                some = marks[at, byte]
+                for kind in range(begins.size):
+                    own = begins[kind] + bit * clear.strides[kind, counts.size - 1]
+                    some &= clear.bits[own + byte]
+                if some:
                     inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
 
 
@@ -611,20 +652,19 @@ def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
 
     some (M, ndim), steps_left (M,) : the cells, and the steps to go of each. cells : the `Cells`.
     out (M, L) bool : the inputs that are asked about.
-    moves : the `Moves`. clear (cells, bytes) uint8 : a bit for each safe input.
+    moves : the `Moves`. clear : the `Clear`.
     sets (n, R) : the numbers of the blocks in `pool` of the sets with 0, 1, ... steps to go, all later ones being the
         last; n = 0: inputs have to be safe only.
     """
-    scratch = np.empty((3, some.shape[1]), np.int64)
+    scratch, begins = np.empty((3, some.shape[1]), np.int64), np.empty(clear.begin.size, np.int64)
     for m in range(some.shape[0]):
         cell, following, place = some[m], max(min(steps_left[m], len(sets)) - 1, 0), 0
-        row, bit = row_and_bit(cell, cells)
-        safe = clear[row * cells.counts[-1] + bit]
+        begins_of_clear(cell, clear, begins)
         for axis in range(cell.size):
             place += cell[axis] * moves.strides[axis]
         for j in range(out.shape[1]):
             if out[m, j]:
-                out[m, j] = steps_left[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1
+                out[m, j] = steps_left[m] > 0 and is_clear(clear, begins, cell[cell.size - 1], j)
             if out[m, j] and len(sets) > 0:
                 out[m, j] = move_inside(cell, j, place, moves, cells, sets[following], pool, scratch)
 

@@ -9,6 +9,7 @@ from numba import prange
 
 from sdhj.kernels.compiling import kernel
 from sdhj.kernels.packed import BIT, bits_between, has_bit, set_bits, shifted_word
+from sdhj.kernels.stencils import begins_of_clear, cell_of, is_clear
 
 
 @kernel(parallel=True)
@@ -50,12 +51,11 @@ def united_in_words(planes, first, last, out):
 
 
 @kernel(parallel=True)
-def clear_inputs_that_meet(clear, begin, offset, met, count):
+def clear_inputs_that_meet(clear, begin, met, count):
     """Clear the bits of inputs under which cells are met: bit j % 8 of byte j // 8, where met[j] has the cell's bit.
 
     clear (cells, bytes) : uint8, modified in place. met (L, rows, W) : uint64, a bit for each cell of a row.
-    begin (rows,) : the number of the first cell of each row. offset (n,) : added to it and to the bit, for each of n
-        copies of the row whose cells are met alike. count : how many cells a row has.
+    begin (rows,) : the number of the first cell of each row. count : how many cells a row has.
     """
     inputs, rows, words = met.shape
     for row in prange(rows):
@@ -70,28 +70,29 @@ def clear_inputs_that_meet(clear, begin, offset, met, count):
                     gone = np.uint8(0)
                     for j in range(8 * byte, min(8 * byte + 8, inputs)):
                         gone |= np.uint8((met[j, row, word] >> np.uint64(bit & 63)) & BIT) << np.uint8(j & 7)
-                    for k in range(offset.size):
-                        clear[begin[row] + offset[k] + bit, byte] &= ~gone
+                    clear[begin[row] + bit, byte] &= ~gone
 
 
 @kernel(parallel=True)
-def add_predecessors(missing, clear, inputs, wanted, led, count):
+def add_predecessors(missing, clear, inputs, wanted, led, counts):
     """Set in `led` the bits of the wanted cells that are not in `missing` and from which one of some inputs is clear.
 
-    missing, wanted, led (rows, W) : uint64, a bit for each cell of a row; `led` is modified in place. clear (cells,
-        bytes) : uint8, a bit for each clear input. inputs (n,) : their numbers. count : how many cells a row has.
+    missing, wanted, led (rows, W) : uint64, a bit for each cell of a row; `led` is modified in place. clear : the
+        `Clear`. inputs (n,) : their numbers. counts (ndim,) : of cells.
     """
-    rows, words = led.shape
+    (rows, words), count = led.shape, counts[counts.size - 1]
     for row in prange(rows):
+        cell, begins = np.empty(counts.size, np.int64), np.empty(clear.begin.size, np.int64)
+        cell_of(np.int64(row) * count, counts, cell)
+        begins_of_clear(cell, clear, begins)
         for word in range(words):
             some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
             some &= bits_between(word, 0, count)  # what is behind the last cell would be looked at for nothing
             for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
                 if (some >> np.uint64(bit & 63)) & BIT == 0:
                     continue
-                number = np.int64(row) * count + bit
                 for j in inputs:
-                    if (clear[number, j >> 3] >> (j & 7)) & 1:
+                    if is_clear(clear, begins, bit, j):
                         led[row, word] |= BIT << np.uint64(bit & 63)
                         break
 

@@ -14,7 +14,7 @@ import pytest
 import robots
 import toys
 from click.testing import CliRunner
-from forging import describe
+from forging import describe, forged
 from naive_certified import states_in
 from robots import car
 
@@ -147,6 +147,8 @@ def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     assert (verdict := verify(tmp_path / "stream.npz", progress=False)).ok, str(verdict)
     walled = replace(stream(), grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["unsafe", "wall"]))
     describe(tmp_path / "stream.npz", walled)
+    with forged(tmp_path / "stream.npz", named=True) as (told, _):
+        told["proof"]["clear"][0].update(ends=[0])
     verdict = verify(tmp_path / "stream.npz", progress=False)
     assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in verdict.claims)
 

@@ -80,11 +80,8 @@ def test_general_reach_box_holds_every_trajectory(rng, problem):
     proof = proof_of(problem, (30, 30, 40))
     turns = 48 if problem.dynamics.formulas else 40  # .4 rad in an interval are 3 cells where that is known
     assert proof.low.shape[2:] == (30 * 30 * turns, 3)  # the axes with walls count
-    edges, places = (
-        proof.layout.edges,
-        np.concatenate([rng.integers(0, proof.low.shape[2], 300), [0, 30 * 30 * turns - 1]]),
-    )
-    cells = np.stack(np.unravel_index(proof.layout.begin[places], proof.layout.counts), axis=1)
+    places = np.concatenate([rng.integers(0, proof.low.shape[2], 300), [0, 30 * 30 * turns - 1]])
+    edges, cells = naive.edges_of(proof), proof.cells_at(places)
     low, high = edges[range(3), cells], edges[range(3), cells + 1]
     for j in range(3):
         tubes, last = proof.tubes_of_places(places, j, 0.0, 2)
@@ -106,7 +103,7 @@ def test_damped_motion_shrinks():
     problem = dataclasses.replace(interval_problem(unsafe=False, ends="unsafe"), dynamics=dynamics)
     proof = proof_of(problem, (80,), parts=10)
     _, last = proof.tubes_of_places(np.array([60]), 0, 0.0, 8)
-    low, high = proof.layout.edges[0, 60:62]
+    low, high = proof.axes[0].edges()[60:62]
     exact = [low * np.exp(-0.5), high * np.exp(-0.5)]
     found = [low + last[0, 0, 0], high + last[0, 0, 1]]
     assert exact[0] - 0.01 < found[0] <= exact[0] and exact[1] <= found[1] < exact[1] + 0.01
@@ -181,10 +178,11 @@ def test_images_and_tubes_count_in_cells(rng):
     problem = torus_problem()
     proof = proof_of(problem, (40, 30), parts=2)
     proof.prepare(False)
-    (disk,), counts, seen = problem.unsafe, proof.layout.counts, set()
+    (disk,), counts, seen, (bits,) = problem.unsafe, proof.cells.counts, set(), proof.bits_of_clear
+    edges = naive.edges_of(proof)
     for j, number in itertools.product((0, 4, 8), rng.integers(0, counts.prod(), 25)):
         cell = np.array(np.unravel_index(number, counts))
-        low, high = proof.layout.edges[[0, 1], cell], proof.layout.edges[[0, 1], cell + 1]
+        low, high = edges[[0, 1], cell], edges[[0, 1], cell + 1]
         place = int((cell * proof.strides).sum())
         inside = [
             {(int(cell[a]) + k) % counts[a] for k in range(proof.low[0, j, place, a], proof.high[0, j, place, a] + 1)}
@@ -197,8 +195,8 @@ def test_images_and_tubes_count_in_cells(rng):
                 at = (states + tau * (velocity + signs) + np.pi) % (2 * np.pi) - np.pi
                 hit |= bool((disk.level_set(at, problem.time(step) + tau) <= 0).any())
             for a in (0, 1):  # at the end
-                assert set(np.searchsorted(proof.layout.edges[a], at[:, a], side="right") - 1) <= inside[a]
-            clear = bool(proof.clear[step, number, j // 8] >> (j % 8) & 1)
+                assert set(np.searchsorted(proof.axes[a].edges(), at[:, a], side="right") - 1) <= inside[a]
+            clear = bool(bits[step, number, j // 8] >> (j % 8) & 1)
             assert not (hit and clear)
             seen.add((hit, clear))
     assert seen == {(True, False), (False, True), (False, False)}
@@ -376,7 +374,7 @@ def test_general_and_arm_agree_on_the_arm(rng):
     special = certified(problem, cells=(32, 32, 5, 5), parts=4)
     assert (general.proof.kind, special.proof.kind) == ("enclosed", "arm")
     arrives = np.broadcast_to(general.proof.arrives[0].reshape(32, 32, 1, 1, -1), (32, 32, 5, 5, 2))
-    arriving = (arrives.reshape(-1, 2) & general.proof.clear[0]).any(axis=1).reshape(32, 32, 5, 5)
+    arriving = (arrives & naive.clear_bytes(general, 0)).any(axis=-1)
     for within in (0, 1):
         rough, fine = general.bits(start=0, within=within), special.bits(start=0, within=within)
         fine |= arriving if within else False  # of such the arm's own proof knows nothing

@@ -10,7 +10,7 @@ from sdhj.certified.packing import reached_words
 from sdhj.kernels import read_only
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
-from sdhj.kernels.stencils import TOGETHER, Boxes, Moves, Placed, grow, mark_collisions, mark_exits
+from sdhj.kernels.stencils import TOGETHER, Boxes, Clear, Moves, Placed, grow, mark_collisions, mark_exits
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -160,20 +160,24 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     inside, following = (rng.random(counts) < share for share in (0.5, 0.93))
     low = rng.integers(-4, 3, (4, 12, 3)).astype(np.int16)
     high = (low + rng.integers(0, [2, 8, 4], low.shape)).astype(np.int16)
-    clear = read_only(rng.integers(0, 16, (counts.prod(), 1)).astype(np.uint8))
+    clear, beside = (rng.integers(0, 16, size).astype(np.uint8) for size in (counts, counts[[0, 2]]))
+    beside |= rng.integers(0, 16, beside.shape).astype(np.uint8)
+    both = np.concatenate([clear.ravel(), beside.ravel()]), np.array([0, clear.size])
+    kinds = Clear(*read_only((*both, np.array([[6 * counts[2], counts[2], 1], [counts[2], 0, 1]]))))
     mode = "wrap" if periodic[2] else "edge"
     extended = to_words(np.pad(following.reshape(12, -1), [(0, 0), (64, 64)], mode=mode))
     found, near = to_words(inside.reshape(12, -1)), np.ones((12, -(-counts[2] // 64)), np.bool_)
     moves = read_only(Moves(low, high, np.array([6, 1, 0]), np.array([[-np.inf] * 3, [np.inf] * 3])))
-    grow(near, found, extended, clear, moves, cells, keep)
+    grow(near, found, extended, kinds, moves, cells, keep)
+    clear = clear & beside[:, None]
     expected = inside.copy()
-    for number, cell in enumerate(np.ndindex(*counts)):
+    for cell in np.ndindex(*counts):
         leads = []
         for j in range(4):
             ends, at = (low[j, 6 * cell[0] + cell[1]], high[j, 6 * cell[0] + cell[1]]), []
             for c, n, wraps, a, b in zip(cell, counts, periodic, *ends, strict=True):
                 at.append([(c + d) % n if wraps else min(max(c + d, 0), n - 1) for d in range(a, b + 1)])
-            leads.append(following[np.ix_(*at)].all() and bool(clear[number, 0] >> j & 1))
+            leads.append(following[np.ix_(*at)].all() and bool(clear[cell] >> j & 1))
         expected[cell] = inside[cell] and any(leads) if keep else inside[cell] or any(leads)
     assert np.array_equal(to_bits(found, int(counts[2])), expected.reshape(12, -1))
     assert (expected != inside).any() and expected.any() and not expected.all()

@@ -122,7 +122,7 @@ def test_timed_growth_holds_every_motion(name, opaque, parts, rng):
     case = CASES[name]
     problem = case.black_box() if opaque else case.problem()
     proof = GeneralProof.of(problem, sdhj.Certified(cells=[60] * case.ndim).axes(problem), parts)
-    every, edges = range(case.ndim), proof.layout.edges
+    every, edges = range(case.ndim), naive.edges_of(proof)
     for start, j in itertools.product((0.0, 0.31, 0.8), range(0, len(case.inputs), 4)):
         cells = rng.integers(15, 45, (100, case.ndim))
         places = cells @ proof.strides

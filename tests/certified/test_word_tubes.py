@@ -12,7 +12,9 @@ from sdhj.certified import word_tubes
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.word_tubes import Lattice, far_beyond, united, windows, with_margins
+from sdhj.kernels import read_only
 from sdhj.kernels.packed import to_bits, to_words
+from sdhj.kernels.stencils import Clear
 from sdhj.kernels.windows import add_predecessors
 
 
@@ -62,7 +64,7 @@ def _clear(monkeypatch, in_words):
         patched.setattr(word_tubes, "COUNTED", 0 if in_words else 1 << 60)
         assert len(proof.sets_tested_in_words) == 2 * in_words
         proof.prepare(False)
-    return proof, np.unpackbits(proof.clear, axis=-1, bitorder="little", count=4).astype(bool)
+    return proof, np.unpackbits(proof.bits_of_clear[0], axis=-1, bitorder="little", count=4).astype(bool)
 
 
 @pytest.mark.slow
@@ -97,9 +99,12 @@ def test_no_state_of_a_clear_cell_is_met(monkeypatch, rng):
 def test_cells_are_led_by_inputs_that_are_clear(rng):
     """Of wanted cells that miss nothing those from which some input of a group is clear, as plain loops say."""
     missing, wanted, before = (rng.random((3, 70)) < share for share in (0.4, 0.7, 0.2))
-    clear, inputs = rng.integers(0, 256, (210, 2)).astype(np.uint8), np.array([1, 10])
+    clear, inputs = rng.integers(0, 256, (213, 2)).astype(np.uint8), np.array([1, 10])
+    clear[210:] |= rng.integers(0, 256, (3, 2)).astype(np.uint8)  # of rows alone
     led = to_words(before)
-    add_predecessors(to_words(missing), clear, inputs, to_words(wanted), led, 70)
-    safe = ((clear[:, 0] >> 1 & 1) | (clear[:, 1] >> 2 & 1)).reshape(3, 70) == 1
+    kinds = Clear(*read_only((clear.ravel(), np.array([0, 420]), np.array([[140, 2], [2, 0]]))))
+    add_predecessors(to_words(missing), kinds, inputs, to_words(wanted), led, np.array([3, 70]))
+    clear = clear[:210].reshape(3, 70, 2) & clear[210:, None]
+    safe = (clear[..., 0] >> 1 & 1) | (clear[..., 1] >> 2 & 1) == 1
     assert np.array_equal(to_bits(led, 70), before | (wanted & ~missing & safe))
     assert 0 < (wanted & ~missing & ~safe & ~before).sum() < (wanted & ~missing & ~before).sum()

@@ -426,14 +426,22 @@ def save(name: str, path: Path) -> Path:
 
 
 def edit(name: str, change: Callable[[FloatArray], Any]) -> Callable[[Told, Any], None]:
-    """An array of the file, changed in place."""
+    """An array of the file, changed in place; of clear inputs those of the first axes: (starts, cells, bytes)."""
 
     def forge(told: Told, arrays: Any) -> None:
         values = arrays[name][()]
-        change(values)
+        change(first_clear(told, values) if name == "clear" else values)
         arrays[name][...] = values
 
     return forge
+
+
+def first_clear(told: Told, values: FloatArray) -> FloatArray:
+    """The bits of clear inputs by the first axes that a file names, a view; all there are, for robots of one kind."""
+    first, *others = told["proof"]["clear"]
+    assert not others
+    size = -(-len(told["inputs"]) // 8)
+    return values.reshape(-1, int(np.prod([told["cells"]["shape"][k] for k in first["axes"]])), size)
 
 
 def put(arrays: Any, **given: FloatArray) -> None:
@@ -619,6 +627,11 @@ def only_clear(j: int, *cells: int, step: int = 0) -> Callable[[Told, Any], None
     return both(nothing_in_sets, edit("clear", lambda clear: clear.fill(0)), clears(j, *cells, step=step))
 
 
+def both_ends(told: Told, arrays: Any) -> None:
+    """Inputs are said to be clear of the ends of both axes."""
+    told["proof"]["clear"][0].update(ends=[0, 1])
+
+
 FURTHER = [f"const {(3.0 + 1e-10).hex()}", "x 0", "sub 0 1"]
 FORGERIES: dict[str, Forgery] = {
     # cells
@@ -666,9 +679,11 @@ FORGERIES: dict[str, Forgery] = {
     "a little later": Forgery("surge", MOVES, narrower(-2, 2)),
     "two that push": Forgery("drone", MOVES, becomes=lambda: drone(push=(0.1, 0.3))),
     # layers
-    "a layer at an end that is no wall": Forgery("standing", COVER, becomes=lambda: standing(ends=("unsafe", "wall"))),
+    "a layer at an end that is no wall": Forgery(
+        "standing", COVER, both_ends, becomes=lambda: standing(ends=("unsafe", "wall"))
+    ),
     "a layer at an upper end that is no wall": Forgery(
-        "standing", COVER, becomes=lambda: standing(ends=("wall", "unsafe"))
+        "standing", COVER, both_ends, becomes=lambda: standing(ends=("wall", "unsafe"))
     ),
     "a layer where an axis closes": Forgery("standing", COVER, becomes=lambda: standing(periodic=True)),
     "a layer of cells that move alike": Forgery("standing", COVER, lambda told, arrays: no_place(told, arrays)),

@@ -292,12 +292,35 @@ def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
         states = states[after > 0]
 
 
+def edges_of(proof):
+    """The ends of the cells of each axis, (ndim, most + 1), NaN behind the last."""
+    out = np.full((len(proof.axes), max(axis.count for axis in proof.axes) + 1), np.nan)
+    for axis, cells in enumerate(proof.axes):
+        out[axis, : cells.count + 1] = cells.edges()
+    return out
+
+
+def clear_bytes(table, step):
+    """The bytes of the inputs that are clear from each cell of all unsafe sets and ends: (*cells, bytes)."""
+    out, begin = np.full((*table.shape, -(-len(table.problem.inputs) // 8)), 255, np.uint8), 0
+    for one in table.proof.entry_in_head["clear"]:
+        starts = table.steps if any(table.problem.unsafe[k].moving for k in one["sets"]) else 1
+        starts = table.steps if table.problem.dynamics.depends_on_time else starts
+        shape = [n if k in one["axes"] else 1 for k, n in enumerate(table.shape)]
+        size = int(np.prod(shape)) * out.shape[-1]
+        at = begin + min(step, starts - 1) * size
+        out &= table.proof.clear[at : at + size].reshape(*shape, -1)
+        begin += starts * size
+    assert begin == table.proof.clear.size
+    return out
+
+
 def inputs_that_lead(table, step, following):
     """Which inputs are clear from a cell and lead into a set, or into the target itself: (*cells, L) bool."""
     proof, grid, found = table.proof, table.grid, np.zeros((*table.shape, len(table.problem.inputs)), bool)
     safe = [[end == "safe" for end in ends] for ends in grid.ends]
     low, high = (moves[min(step, len(moves) - 1)] for moves in (proof.low, proof.high))
-    clear = proof.clear[min(step, len(proof.clear) - 1)].reshape(*table.shape, -1)
+    clear = clear_bytes(table, step)
     arrives = proof.arrives[min(step, len(proof.arrives) - 1)] if len(proof.arrives) else None
     for cell, j in itertools.product(np.ndindex(table.shape), range(found.shape[-1])):
         place = int(np.dot(cell, proof.strides))

@@ -342,7 +342,7 @@ def many_cells(told, arrays):
     told["cells"].update(shape=[n, n], widths=["1/15000", "1/3750"])
     told["proof"].update(own=[False, False])
     arrays["index"], arrays["pool"] = np.zeros((1, n), np.uint32), np.zeros((1, -(-n // 64)), np.uint64)
-    arrays["clear"] = Claimed("uint8", (1, n * n, 1))
+    arrays["clear"] = Claimed("uint8", (n * n,))
     arrays.update({name: arrays[name][:, :, :1] for name in ("low", "high")})
 
 
@@ -351,7 +351,7 @@ def many_tables(told, arrays):
 
 
 def two_gigabytes(told, arrays):
-    arrays["clear"] = Claimed("uint8", (1, 2 * 10**9, 1))
+    arrays["clear"] = Claimed("uint8", (2 * 10**9,))
 
 
 SIZES = {

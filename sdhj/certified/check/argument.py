@@ -14,6 +14,7 @@ is refused without it:
 2.  `Argument.moves_hold`         the cells that an input is said to lead to hold all of that
 3.  `Argument.leads`, `not_nearer`  every cell of an image is in the next set, and the input is clear
 3.  `Argument.do_not_grow`        S_k^n holds S_k^{n-1}, or without a target is a part of it
+4.  `Argument.read_clear`         each unsafe set is asked about on all axes that its tube depends on
 4.  `Argument.not_clear`          what is swept in each part of the interval meets no unsafe set and no unsafe end
 5.  `Argument.ends`               all states of a cell count: functions are bounded over boxes, never sampled
 6.  (of the arm alone: its pursuer is an axis like any other here)
@@ -35,7 +36,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise, product
 from typing import Any, NamedTuple
 
@@ -94,6 +95,23 @@ class Tubes(NamedTuple):
     last: Array
 
 
+class Clear(NamedTuple):
+    """What a file says of inputs that are clear of some unsafe sets and unsafe ends, by cells of some axes.
+
+    own (ndim,) bool : these axes; cells that differ on others are alike. parts : the unsafe sets. ends (ndim,) bool :
+    the axes whose unsafe ends are asked about. bits (starts, cells, bytes) uint8 : an input is a bit.
+    """
+
+    own: Array
+    parts: list[Part]
+    ends: Array
+    bits: Array
+
+    def of(self, step: int, j: int) -> Array:
+        """From which of the cells u_j is clear in the interval of a step, (cells,) bool."""
+        return (self.bits[min(step, len(self.bits) - 1), :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
+
+
 def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
     """A `Bar` that shows nothing."""
     return through
@@ -131,8 +149,8 @@ class Argument:
 
     counts (ndim,) : of cells, layers included. known (ndim,) : bool, the axes that a cell's moves depend on; a place is
     the part of a cell on these. low, high (starts, inputs, places, ndim) int16 : the first and the last cell that an
-    input leads to, less the cell's own. clear (starts, cells, bytes), arrives (starts, sites, bytes) uint8 : an input
-    is a bit. sites (ndim,) : strides of the part of a cell that moves and target depend on. off (ndim,) : E.
+    input leads to, less the cell's own. clear : a list of `Clear`. arrives (starts, sites, bytes) uint8 : an input is a
+    bit. sites (ndim,) : strides of the part of a cell that moves and target depend on. off (ndim,) : E.
     edges : the ends of the cells of each axis, (n + 1,), as the nearest floats.
     """
 
@@ -151,17 +169,17 @@ class Argument:
         expect(not (robot.jitter and robot.timed), "with jitter the velocity must not depend on time", robot.jitter)
         fields = "kind shape lowers widths extents"
         self.read_cells(entry("cells", head["cells"], fields, "layers periodic"), arrays)
-        self.read_proof(entry("the proof", head["proof"], "parts own unsure", "arrives"), arrays)
+        self.read_proof(entry("the proof", head["proof"], "parts own unsure clear", "arrives"), arrays)
         self.read_sets(head, arrays)
 
     def bytes_needed(self) -> int:
         """About the bytes of memory that `claims` takes: an estimate, by the numbers of cells, places and parts."""
         cells, places = math.prod(self.counts.tolist()), min(self.low.shape[2], PLACES)
-        looks = len(self.clear) if len(self.low) == 1 else 1
+        looks = sum(one.bits[0, :, 0].size * (len(one.bits) if len(self.low) == 1 else 1) for one in self.clear)
         laps = 1 + int(self.problem.periodic.any())
         tubes = 16 * self.problem.ndim * places * (self.parts + 12)
         # truth values of cells, and sums of a set beside some of it
-        return max(self.together * (cells * (10 + looks) + tubes), cells * (8 + 4 * laps)) + min(cells, SLAB * 8) * 64
+        return max(self.together * (cells * 10 + looks + tubes), cells * (8 + 4 * laps)) + min(cells, SLAB * 8) * 64
 
     @property
     def together(self) -> int:
@@ -215,9 +233,8 @@ class Argument:
             array(arrays, name, np.int16, starts, robot.count, places, robot.ndim) for name in ("low", "high")
         )
         expect(bool((self.low <= self.high).all()), "an input must lead to some cell, from low to high", "low > high")
-        self.moving = robot.timed or any(part.moving for part in robot.unsafe)
-        cells, marks = math.prod(self.counts.tolist()), -(-robot.count // 8)
-        self.clear = array(arrays, "clear", np.uint8, robot.steps if self.moving else 1, cells, marks)
+        marks = -(-robot.count // 8)
+        self.read_clear(stated["clear"], array(arrays, "clear", np.uint8, None))
         self.arrives, self.sites = np.zeros((0, 0, 0), np.uint8), 0 * self.counts
         arrives = stated.get("arrives", False)
         expect(isinstance(arrives, bool), "arrives must be true or false", arrives)
@@ -230,11 +247,45 @@ class Argument:
         fits = not arrives or len(self.arrives) > 0
         expect(fits, "only states that are known may be led into a target itself", arrives)
 
+    def read_clear(self, stated: Any, given: Array) -> None:
+        """Read from which cells inputs are clear, for each unsafe set and unsafe end by cells of the axes it names.
+
+        On these nothing else may be read: how far a tube reaches along the axes of a set, or before it has left over a
+        safe end, depends on these axes and on all coordinates that velocities along them read.
+        """
+        robot, begin, self.clear = self.problem, 0, list[Clear]()
+        ends = np.logical_or(*self.unsafe.T)
+        left, open_ends = np.ones(len(robot.unsafe), np.bool_), ends.copy()
+        expect(isinstance(stated, list), "clear must be a list of sets and ends by axes", stated)
+        for each in stated:
+            one = entry("what is clear", each, "axes sets ends")
+            own = some_of("axes that clear inputs depend on", one["axes"], robot.ndim)
+            sets = some_of("sets that inputs are clear of", one["sets"], len(robot.unsafe))
+            at_ends = some_of("ends that inputs are clear of", one["ends"], robot.ndim)
+            parts = [robot.unsafe[number] for number in np.flatnonzero(sets)]
+            needed = at_ends | self.safe.any(axis=1) | robot.reads[own].any(axis=0)
+            needed[[axis for part in parts for axis in part.axes]] = True
+            expect(bool((own | ~needed).all()), "tubes must depend on no other axes than clear inputs", one["axes"])
+            starts = robot.steps if robot.timed or any(part.moving for part in parts) else 1
+            shape = starts, math.prod(self.counts[own].tolist()), -(-robot.count // 8)
+            bits = given[begin : begin + math.prod(shape)]
+            fits = bits.size == math.prod(shape)
+            expect(fits, "clear must be kept in the file, for each step and cell of its axes", given.shape)
+            self.clear.append(Clear(own, parts, at_ends, bits.reshape(shape)))
+            begin, left, open_ends = begin + bits.size, left & ~sets, open_ends & ~at_ends
+        expect(begin == given.size, "clear must be kept in the file, for each step and cell of its axes", given.shape)
+        expect(not (left.any() or open_ends.any()), "inputs must be clear of every unsafe set and unsafe end", stated)
+
     def read_sets(self, head: Mapping[str, Any], arrays: Any) -> None:
         """See for how many steps there are sets: for each pair (k, n), for each n, or one that holds for ever."""
         steps, entries = self.problem.steps, len(self.index)
         self.alike = entries != (steps + 1) * (steps + 2) // 2  # whatever the step
-        moving = self.moving or (self.problem.target is not None and self.problem.target.moving)
+        robot = self.problem
+        moving = (
+            robot.timed
+            or any(part.moving for part in robot.unsafe)
+            or (self.problem.target is not None and self.problem.target.moving)
+        )
         fits = not self.alike or (entries in (1, steps + 1) and not moving)
         expect(fits, "there must be sets for each step, or for all alike where nothing moves", self.index.shape)
         endless = dict(head["details"]).get("endless", False)
@@ -434,7 +485,7 @@ class Argument:
         # what is reached within the piece; a coordinate that cannot grow needs no room above, nor one below
         enclosure = box + np.where(known, far + some * (far != 0), 0.0)
         out = self.velocity(j, enclosure, times)
-        for axis, side in product(np.flatnonzero(self.known & self.problem.reads_itself), (0, 1)):
+        for axis, side in product(np.flatnonzero(self.known & self.problem.reads.diagonal()), (0, 1)):
             face = enclosure.copy()
             face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes
             out[side, axis] = self.velocity(j, face, times)[side, axis]
@@ -522,14 +573,16 @@ class Argument:
 
     # ---- 4: clear
 
-    def not_clear(self, step: int, j: int, asked: Array, tubes: Tubes) -> Array:
+    def not_clear(self, one: Clear, step: int, j: int, asked: Array, tubes: Tubes) -> Array:
         """From which of the cells `asked`, bool (*counts), it is not proved that u_j is clear in a step's interval.
 
-        Clear of unsafe ends, and of all sets that are unsafe under u_j; what has wholly left over a safe end is out of
-        danger. Cells that differ only on axes that play no part in a question are asked about once.
+        Clear of the unsafe ends and the sets of `one` that are unsafe under u_j; what has wholly left over a safe end
+        is out of danger. There are counts along the axes of `one`, and 1 along the others, on which cells are alike:
+        tubes are those of the first. Cells that differ only on axes that play no part in a question are asked about
+        once.
         """
         bad = np.zeros_like(asked)
-        for axes, holds in self.questions(step, j, tubes):
+        for axes, holds in self.questions(one, step, j, tubes):
             part_of_it = self.known | self.safe.any(axis=1)
             part_of_it[axes] = True
             some = np.logical_or.reduce(asked & ~bad, axis=axes_of(~part_of_it), keepdims=True)
@@ -537,11 +590,13 @@ class Argument:
             bad |= holds(some, tiles)
         return bad & asked
 
-    def questions(self, step: int, j: int, tubes: Tubes) -> Iterator[tuple[list[int], Callable[[Array, Array], Array]]]:
+    def questions(
+        self, one: Clear, step: int, j: int, tubes: Tubes
+    ) -> Iterator[tuple[list[int], Callable[[Array, Array], Array]]]:
         """Yield what has to be asked of tubes: on which axes, and the function that answers for cells and tiles."""
-        for k in axes_of(np.logical_or(*self.unsafe.T)):
+        for k in axes_of(one.ends):
             yield [k], partial(self.past_an_end, k, tubes)
-        for part in self.problem.unsafe:
+        for part in one.parts:
             if part.inputs is None or j in part.inputs:
                 yield part.axes, partial(self.met, part, step, tubes)
 
@@ -699,9 +754,11 @@ class Argument:
 
         What has wholly left over a safe end by a cell counts as in the set. sums : of the set.
         """
-        out = self.clear[min(step, len(self.clear) - 1)][numbers, j // 8] >> np.uint8(j % 8) & 1 == 1
+        cells, out = np.array(np.unravel_index(numbers, self.counts)), np.ones(len(numbers), np.bool_)
+        for one in self.clear:
+            out &= one.of(step, j)[self.strides_of(one.own) @ cells]
         left = np.flatnonzero(out)
-        cells = np.array(np.unravel_index(numbers[left], self.counts))
+        cells = cells[:, left]
         start, places = min(step, len(self.low) - 1), self.strides @ cells
         first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
         inside = self.all_in(first, past, sums)
@@ -713,6 +770,13 @@ class Argument:
             inside |= marks >> np.uint8(j % 8) & 1 == 1
         out[left] = inside
         return out
+
+    def clear_inputs(self, step: int) -> Array:
+        """Which inputs are clear from each cell in a step's interval: (cells, inputs) bool."""
+        out = np.ones((*self.counts, self.problem.count), np.bool_)
+        for one, j in product(self.clear, range(self.problem.count)):
+            out[..., j] &= one.of(step, j).reshape(np.where(one.own, self.counts, 1))
+        return out.reshape(-1, self.problem.count)
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set, (cells,) bool, lie below each corner, int32; where an axis closes it goes on."""
@@ -796,40 +860,46 @@ class Argument:
 
     def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> tuple["Count", "Count", "Count"]:
         """What is claimed of moves, clear inputs and arrivals under u_j in the intervals from `start`, counted."""
-        robot, free = self.problem, axes_of(~self.known)
         always = len(self.low) == 1  # the same moves from every step
-        asked = np.ones(self.counts, np.bool_) if every else self.promised(range(robot.steps) if always else [start])
         chosen = chosen.reshape(self.counts)
         moves, clear, arrive = Count(), Count(), Count()
-        at_places = asked.any(axis=free).ravel()
-        open_moves = at_places & chosen.any(axis=free).ravel()
+
+        @lru_cache(maxsize=2)
+        def of_steps(step: int | None) -> Array:
+            """The cells of which something is claimed at a step, or None: at any."""
+            steps = range(self.problem.steps) if step is None else [step]
+            return np.ones(self.counts, np.bool_) if every else self.promised(steps)
+
+        def asked(own: Array, each: int, step: int, some: Any = True) -> Array:
+            """Which cells of some axes are asked about, where there are `each` answers, of a step or all; bool."""
+            return (of_steps(None if each == 1 else step) & some).any(axis=axes_of(~own), keepdims=True)
+
+        at_places, open_moves = (asked(self.known, len(self.low), start, some).ravel() for some in (True, chosen))
         moves.note(at_places, open_moves, np.ones_like(at_places))
-        open_cells: dict[int, Array] = {}
-        for step in range(len(self.clear)) if always else [start]:
-            said = (self.clear[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(self.counts)
-            own = every or self.promised(range(robot.steps) if len(self.clear) == 1 else [step])
-            open_cells[step] = said & own & chosen
-            clear.note(said & own, open_cells[step], said)
+        open_cells: dict[tuple[int, int], Array] = {}
+        for number, one in enumerate(self.clear):
+            for step in range(len(one.bits)) if always else [start]:
+                said = one.of(step, j).reshape(np.where(one.own, self.counts, 1))
+                open_cells[number, step] = said & asked(one.own, len(one.bits), step, chosen)
+                clear.note(said & asked(one.own, len(one.bits), step), open_cells[number, step], said)
         open_sites: dict[int, Array] = {}
         for step in (range(len(self.arrives)) if always else [start]) if len(self.arrives) else []:
             said = (self.arrives[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
             said = said.reshape(np.where(self.sites, self.counts, 1))
-            others = axes_of(self.sites == 0)
-            own = self.promised(range(robot.steps) if len(self.arrives) == 1 else [step]) | every
-            open_sites[step] = said & (own & chosen).any(axis=others, keepdims=True)
-            arrive.note(said & own.any(axis=others, keepdims=True), open_sites[step], said)
+            open_sites[step] = said & asked(self.sites > 0, len(self.arrives), step, chosen)
+            arrive.note(said & asked(self.sites > 0, len(self.arrives), step), open_sites[step], said)
         with np.errstate(all="ignore"):
             for pieces in FINENESS:
                 needed = open_moves.copy()
-                for cells in open_cells.values():
-                    needed |= cells.any(axis=free).ravel()
-                for sites in open_sites.values():
-                    needed |= sites.any(axis=free).ravel()
+                for some in (*open_cells.values(), *open_sites.values()):
+                    at = np.nonzero(some.any(axis=axes_of(~self.known), keepdims=True))
+                    needed[self.strides @ np.array(at)] = True
                 for places in np.array_split(np.flatnonzero(needed), -(-int(needed.sum()) // PLACES) or 1):
                     self.take_out(start, j, pieces, places, open_moves, open_cells, open_sites)
         moves.fail(f"start {start}, input {j}, place", open_moves)
-        for step, cells in open_cells.items():
-            clear.fail(f"start {step}, input {j}, cell", cells)
+        for (number, step), cells in open_cells.items():
+            axes = ", ".join(self.problem.names[k] for k in np.flatnonzero(self.clear[number].own))
+            clear.fail(f"start {step}, input {j}, cell of {axes}", cells)
         for step, sites in open_sites.items():
             arrive.fail(f"start {step}, input {j}, site", sites)
         return moves, clear, arrive
@@ -841,7 +911,7 @@ class Argument:
         pieces: int,
         places: Array,
         open_moves: Array,
-        open_cells: dict[int, Array],
+        open_cells: dict[tuple[int, int], Array],
         open_sites: dict[int, Array],
     ) -> None:
         """Take out of what is open, in place, what bounds so fine prove of the cells at places (P,)."""
@@ -853,9 +923,11 @@ class Argument:
         tubes = Tubes(rows, swept, farthest(swept), last)
         open_moves[places] &= ~self.moves_hold(places, start, j, tubes.last)
         here = looked_at.reshape(np.where(self.known, self.counts, 1))
-        for step, cells in open_cells.items():
-            if (own := cells & here).any():
-                cells &= ~own | self.not_clear(step, j, own, tubes)
+        for (number, step), cells in open_cells.items():
+            one = self.clear[number]
+            first = here[tuple(slice(None) if k else slice(1) for k in one.own)]  # of places that tubes alike are at
+            if (own := cells & first).any():
+                cells &= ~own | self.not_clear(one, step, j, own, tubes)
         for step, sites in open_sites.items():
             some = np.flatnonzero(sites & here)
             for own_sites in np.array_split(some, -(-some.size // SLAB) or 1):
@@ -916,6 +988,13 @@ def farther(a: Array, b: Array) -> Array:
 def farthest(swept: Array) -> Array:
     """The farthest displacements (2, ndim, M) of all parts, (parts, 2, ndim, M)."""
     return np.array([swept[:, 0].min(axis=0), swept[:, 1].max(axis=0)])
+
+
+def some_of(what: str, given: Any, count: int) -> Array:
+    """An entry that must be a list of numbers below `count`, each once: which ones, (count,) bool."""
+    fits = isinstance(given, list) and all(is_whole(one, 0, count - 1) for one in given)
+    expect(fits and len({*given}) == len(given), f"{what} must be numbers below {count}, each once", given)
+    return np.isin(np.arange(count), given)
 
 
 def axes_of(some: Array) -> tuple[int, ...]:

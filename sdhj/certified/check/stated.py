@@ -258,7 +258,10 @@ class Problem:
             self.of[name] = [whole.part(j * size, size) for j in range(self.count)]
         every = [one for each in self.of.values() for one in each]
         self.timed = any(one.reads("p", 0) for one in every)
-        self.reads_itself = np.array([any(one.reads("x", k) for one in self.along(k)) for k in range(n)])
+        self.reads = np.zeros((n, n), np.bool_)  # of the velocity along an axis, which coordinates
+        for axis in range(n):
+            own = self.along(axis)
+            self.reads[axis] = [any(one.reads("x", k) for one in own) for k in range(n)]
         self.trusted = {name for name in self.of if name in self.opaque}
 
     def along(self, axis: int) -> list[Function]:

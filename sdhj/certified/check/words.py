@@ -245,8 +245,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
     for name, made, bad in claims_of_steps(words, ids, fewest, left, none):
         yield name, counted(made, bad, f"start {start}, cell")
     if "clear" in words.fields:
-        marks = sets.clear[min(start, len(sets.clear) - 1)]
-        clear = np.unpackbits(marks, axis=1, count=sets.problem.count, bitorder="little").view(np.bool_)
+        clear = sets.clear_inputs(start)
         said = words.fields["clear"][ids]
         promised = sets.promised([start]).ravel() if left and not every else np.full(len(ids), every)
         own = counted(

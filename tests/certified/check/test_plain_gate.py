@@ -20,11 +20,15 @@ from forged_robots import (
     NEARER,
     ROBOTS,
     Forgery,
+    both,
     clears,
     edit,
+    first_clear,
     head,
+    nothing_in_sets,
     put,
     standing,
+    stream,
 )
 from forged_robots import line as on_a_line
 from naive_certified import CIRCLE, LINE, SMALL, STILL
@@ -107,7 +111,15 @@ def carried():
     return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, drift), target, [], 0.2, 2)
 
 
-OTHERS = {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1)}
+def lane():
+    """A stream from which the first input leads out to the left, and meanwhile beside what is above."""
+    above = sdhj.UnsafeSet((1,), lambda p, t: 0.8 - p[:, 0], name="above")
+    problem = stream()
+    dynamics = sdhj.Dynamics([[-1.0], [1.0]], [[-3.0, 1.5], [3.0, 0.0]], np.eye(2), [0.0, 0.0])
+    return replace(problem, dynamics=dynamics, unsafe=[above])
+
+
+OTHERS = {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1), "lane": (lane, (10, 10), 2)}
 
 
 def whole(name, values):
@@ -153,6 +165,29 @@ def places_on_one_axis(told, arrays):
         put(arrays, **{name: middle})
 
 
+def on_axes(*each):
+    """What is clear is told of cells of fewer axes: what it was of the first cells on the others."""
+
+    def forge(told, arrays):
+        every, cells = first_clear(told, arrays["clear"][()]), told["cells"]["shape"]
+        every, out = every.reshape(len(every), *cells, -1), []
+        for axes, sets, _ in each:
+            few = tuple(slice(None) if k in axes else slice(1) for k in range(len(cells)))
+            out.append(every[slice(None if sets else 1), *few].ravel())
+        put(arrays, clear=np.concatenate(out))
+        told["proof"]["clear"] = [dict(zip(("axes", "sets", "ends"), one, strict=True)) for one in each]
+
+    return both(nothing_in_sets, forge)
+
+
+def of_clear(**entry):
+    """What is clear is of other axes, sets or ends."""
+    return head(lambda told: told["proof"]["clear"][0].update(entry))
+
+
+DEPENDS, EVERY = "tubes must depend on no other axes", "inputs must be clear of every unsafe set"
+
+
 def no_layers(told, arrays):
     del told["cells"]["layers"]
 
@@ -162,7 +197,7 @@ NEW = {
     "own as a fraction": Forgery("growing", "axes of a place must be true or false", whole("proof own", [0.5])),
     "own as text": Forgery("growing", "axes of a place must be true or false", whole("proof own", ["false"])),
     "an empty image beside a layer": Forgery("standing", "must lead to some cell", empty_images),
-    "a set less": Forgery("crossed", "there must be sets for each step", fewer_rows),
+    "an entry less": Forgery("crossed", "there must be sets for each step", fewer_rows),
     "sets of a step that is none": Forgery("cart", "there must be sets for each step", fewer_rows),
     "sets alike while the target moves": Forgery("drifting", "there must be sets for each step", alike),
     "arrivals of a tide": Forgery("tide", ARRIVE, arrives_everywhere(1)),
@@ -230,6 +265,24 @@ NEW = {
     ),
     "steps that are true": Forgery("line", "steps must be a number", head(lambda told: told.update(steps=True))),
     "an axis of a set that is true": Forgery("plane", "axes of a set", of_a_set(1, axes=[False, True])),
+    "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
+    "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
+    "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
+    "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
+    "a set less": Forgery("line", EVERY, of_clear(sets=[1])),
+    "an end less": Forgery("line", EVERY, of_clear(ends=[])),
+    "an end of another axis": Forgery("line", "ends that inputs are clear of must be", of_clear(ends=[1])),
+    "a set that is none": Forgery("line", "sets that inputs are clear of must be", of_clear(sets=[0, 1, 2])),
+    "an axis twice": Forgery("line", "axes that clear inputs depend on must be", of_clear(axes=[0, 0])),
+    "axes that are true": Forgery("cart", "axes that clear inputs depend on must be", of_clear(axes=[False, True])),
+    "steps of clear inputs": Forgery("line", "what is clear must have no unknown field", of_clear(starts=1)),
+    "clear inputs by name": Forgery("line", "clear must be a list", whole("proof clear", {"axes": [0]})),
+    "fewer clear inputs": Forgery(
+        "line", "clear must be kept", lambda told, arrays: put(arrays, clear=arrays["clear"][()][:-1])
+    ),
+    "more clear inputs": Forgery(
+        "line", "clear must be kept", lambda told, arrays: put(arrays, clear=np.tile(arrays["clear"][()], 2))
+    ),
     "cells beyond the last": Forgery(
         "line", "no cells that there are not", edit("pool", lambda pool: pool.fill(2**64 - 1))
     ),
@@ -567,8 +620,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     ),
     "every unsafe set": (
         "argument",
-        "for part in self.problem.unsafe:\n            if part.inputs",
-        "for part in self.problem.unsafe[:1]:\n            if part.inputs",
+        "for part in one.parts:\n            if part.inputs",
+        "for part in one.parts[:1]:\n            if part.inputs",
         "the second post",
     ),
     "sets of some inputs": (
@@ -659,6 +712,22 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     "how near past an end": ("argument", "ROOM = 1e-6", "ROOM = 10.0", "out by the lower end"),
     "what is not clear": ("argument", "return bad & asked", "return bad & ~asked", "the second post"),
     "a tile is met where a cell is": ("argument", "self.ends(last)[1]", "self.ends(first)[1]", "the second post"),
+    "velocities that a tube depends on": (
+        "argument",
+        " | robot.reads[own].any(axis=0)",
+        "",
+        "a rail on too few axes",
+    ),
+    "safe ends that a tube depends on": ("argument", " | self.safe.any(axis=1) |", " |", "a lane on too few axes"),
+    "the axes of a set": (
+        "argument",
+        "needed[[axis for part in parts for axis in part.axes]] = True",
+        "pass",
+        "a post on too few axes",
+    ),
+    "the axes of ends": ("argument", "needed = at_ends | ", "needed = ", "ends on too few axes"),
+    "sets that nobody asks about": ("argument", "(left.any() or open_ends.any())", "open_ends.any()", "a set less"),
+    "ends that nobody asks about": ("argument", "(left.any() or open_ends.any())", "left.any()", "an end less"),
     # 9: the target
     "all of a goal": ("argument", "return most <= 0, least > 0", "return least <= 0, least > 0", "a goal more"),
     "a goal is safe": (
@@ -711,8 +780,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     "every cell of an image": ("argument", "return counted == size", "return counted > 0", "a cell more"),
     "inputs that are clear": (
         "argument",
-        "[numbers, j // 8] >> np.uint8(j % 8) & 1 == 1",
-        "[numbers, j // 8] < 256",
+        "out &= one.of(step, j)[self.strides_of(one.own) @ cells]",
+        "pass",
         "a cell of which no input is clear",
     ),
     "the next set": (
