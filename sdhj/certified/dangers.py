@@ -44,7 +44,7 @@ def dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
 
     Remembered by the problem.
     """
-    return problem.remembered("dangers", lambda: _dangers_of(problem))
+    return problem.remembered("dangers of cells", lambda: _dangers_of(problem))
 
 
 def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:

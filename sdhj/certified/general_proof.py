@@ -342,7 +342,6 @@ class GeneralProof(Images):
 
     # ---- the recursion; sets are (rows, W) uint64
 
-    @cached_property
     def _asked(self) -> list[_Asked]:
         """What tubes are tested by, for all dangers of the same axes; those of `dangers` write to `clear` itself."""
         edges = np.full((len(self.axes), self.cells.counts.max() + 1), np.nan)
@@ -358,13 +357,9 @@ class GeneralProof(Images):
             first = ~at_place[:, others].any(axis=1)  # of the places that differ on other axes only
             place = np.where(first, np.cumsum(first) - 1, -1)
             layout = Placed(*read_only((counts, begin)), nothing, 0, 0, 0, *read_only((edges, safe)))
-            bits = whole.get(one.axes)
-            out.append(_Asked(one, layout, place, self._unmarked(one) if bits is None else bits))
+            unmarked = np.full(() if one.axes in whole else one.shape(self.problem, self.axes), 255, np.uint8)
+            out.append(_Asked(one, layout, place, whole.get(one.axes, unmarked)))
         return out
-
-    def _unmarked(self, dangers: Dangers) -> FloatArray:
-        """Bits (starts, cells, bytes) uint8 by which all inputs are clear of dangers from everywhere."""
-        return np.full(dangers.shape(self.problem, self.axes), 255, np.uint8)
 
     def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.
@@ -372,8 +367,8 @@ class GeneralProof(Images):
         To be called once: the arrays cannot be filled again. progress : whether to show bars, as for `sdhj.solve`.
         ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
-        arrivals, tested = Arrivals(self), self.sets_tested_in_words
-        mark = partial(self._mark_collisions, self._lattices(progress))
+        arrivals, tested, every = Arrivals(self), self.sets_tested_in_words, self._asked()
+        mark = partial(self._mark_collisions, every, self._lattices(progress))
         tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
@@ -390,8 +385,9 @@ class GeneralProof(Images):
         pieces = min(int(finest(self.problem, self.parts, self.low.shape)), self.most_pieces)
         self.fill(pieces, progress, use)
         for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):
-            self._mark_in_words(unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
-        self._unite()
+            asked = next(one for one in every if self.problem.unsafe.index(unsafe_set) in one.dangers.sets)
+            self._mark_in_words(asked, unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
+        self._unite(every)
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
 
@@ -407,23 +403,22 @@ class GeneralProof(Images):
             one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
         )
 
-    def _unite(self) -> None:
+    def _unite(self, asked: Sequence[_Asked]) -> None:
         """Clear in `clear` what was marked of dangers that are kept with those of more axes."""
         for one, bits in zip(self.dangers, self.bits_of_clear, strict=True):
             every = bits.reshape(len(bits), *self._counts(one).tolist(), -1)
-            for own in self._asked:
+            for own in asked:
                 part_of_it = {*own.dangers.sets} <= {*one.sets} and {*own.dangers.ends} <= {*one.ends}
                 if part_of_it and own.dangers.axes != one.axes:
                     every &= own.bits.reshape(len(own.bits), *own.layout.counts.tolist(), -1)
 
-    def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
-        """Clear in `clear` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
+    def _mark_in_words(self, asked: _Asked, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
+        """Clear in `asked.bits` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
 
         unsafe_set : one of `sets_tested_in_words`, on d axes.
         tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along its axes.
         """
         own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
-        asked = next(one for one in self._asked if self.problem.unsafe.index(unsafe_set) in one.dangers.sets)
         axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
         lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
         first, last = windows(lattice, NARROW * scale, tubes)
@@ -461,7 +456,13 @@ class GeneralProof(Images):
         return met
 
     def _mark_collisions(
-        self, lattices: Mapping[int, list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
+        self,
+        every: Sequence[_Asked],
+        lattices: Mapping[int, list[Boxes]],
+        start: int,
+        j: int,
+        some: FloatArray,
+        tubes: FloatArray,
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
@@ -472,7 +473,7 @@ class GeneralProof(Images):
         start : the index of the interval in `low` and `high`.
         some (M,) : places, consecutive numbers. tubes (M, parts, ndim, 2) : their tubes (`Images.swept`).
         """
-        for asked in self._asked:
+        for asked in every:
             rows = np.flatnonzero(asked.place[some] >= 0)
             if rows.size:
                 first = int(asked.place[some[rows[0]]])

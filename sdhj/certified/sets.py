@@ -28,7 +28,9 @@ The obligations of the proof, where each is met, and the test (certified, promis
     For the others: the box swept in each part, `mark_collisions`. [test_images_and_tubes_count_in_cells,
     test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces] Where cells along all
     axes of a set move alike and are many, boxes of it are united, 64 cells at a time: `word_tubes`.
-    [test_what_tubes_overlap_is_united_as_plain_loops_say, test_no_state_of_a_clear_cell_is_met]
+    [test_what_tubes_overlap_is_united_as_plain_loops_say, test_no_state_of_a_clear_cell_is_met] Each set is
+    asked about on all axes that its tubes depend on, and no others: `sdhj.certified.dangers`.
+    [test_a_new_forgery_is_refused]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `CONTACT_MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
