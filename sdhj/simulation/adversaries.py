@@ -88,7 +88,7 @@ class Moment:
         return self.interval.bounds(self.inputs, self.time)
 
     def gain(self, states: FloatArray) -> FloatArray:
-        """The matrices (M, ndim, D) that map v to its part of the velocity at states (M, ndim), each run's."""
+        """The matrices (M, ndim, D) from v to velocity at states (M, ndim), under the input of each run, now."""
         return self.interval.gain(states, self.inputs, self.time)
 
     def predicted(self) -> FloatArray:
@@ -133,7 +133,10 @@ def random(moment: Moment) -> FloatArray:
 
 
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
-    """An unsafe set's level g, inf where it is safe, and the changes by each push[:, :, d] (M, ndim): (M,) each."""
+    """[g, change_1, ..., change_D], (M,) each: an unsafe set's level at states, and what each push[:, :, d] adds to it.
+
+    The level is inf for runs under whose input the set is not unsafe.
+    """
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
     value, *moved = moment.problem.value_of(unsafe_set, trials, t).reshape(-1, len(states))

@@ -154,7 +154,10 @@ class Runs:
         return alive[~reached]
 
     def simulate_interval(self, number: int, last: bool) -> None:
-        """End the runs that are over at sampling time `number`; but at the `last`, simulate an interval of others."""
+        """End the runs that are over at sampling time `number`, and simulate the others for an interval.
+
+        At the `last` time nothing is simulated, and runs without a target have succeeded.
+        """
         alive, step = self.end_reached(number, last), 0 if self.first_tubes_only else number
         if last or not alive.size:
             return
@@ -178,6 +181,7 @@ class Runs:
                     f"the adversary's shift must return -1, 0 or 1 for each run, got {next_offsets.tolist()}"
                 )
             next_offsets = next_offsets * (problem.sensing.jitter > 0)
+        # all runs of a group begin, and end, at one time, as `play_interval` needs
         groups = 3 * self.offsets[rows] + next_offsets
         for group in np.unique(groups):
             some = groups == group

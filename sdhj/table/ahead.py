@@ -41,7 +41,7 @@ def tape_of_problem(
 
 
 def conditional(problem: ReachAvoidProblem) -> bool:
-    """Whether some unsafe set of a problem is unsafe under some inputs only."""
+    """Whether some unsafe set is unsafe under some inputs only, so that inputs are judged by different sets."""
     return any(part.inputs is not None for part in problem.unsafe)
 
 

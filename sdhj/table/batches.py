@@ -72,7 +72,7 @@ class Batch(NamedTuple):
         return np.maximum(self.steps_to_go, self.within) - 1
 
     def sealed(self) -> "Batch":
-        """A batch with read-only views of these arrays; the originals, which they share, stay writable."""
+        """A batch with read-only views of these arrays, for rules of users; the originals stay writable."""
         return Batch(*(read_only_view(getattr(self, name)) for name in Batch._fields))
 
     @property

@@ -553,7 +553,7 @@ class Controller:
         return self.answers(states, step)
 
     def answers(self, states: FloatArray, step: int | None = None) -> Batch:
-        """`batch` of states (M, ndim) that are refused for nothing: for loops that carry points on themselves."""
+        """As `batch`, but no prediction is refused: for loops that carry points on themselves, as simulated ones do."""
         step = self._at(step)
         return self.table.batch(states, step, self._within(step))
 

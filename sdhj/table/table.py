@@ -114,11 +114,11 @@ class LookupTable(Table):
     # ---- at the nodes
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of the tube (start, within) itself, shape grid.shape."""
+        """The tube (start, within) as it is stored, no copy, grid.shape: users get a read-only view, by `values`."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
-        """The marks of the tube (start, within) themselves, (bytes, size) uint8."""
+        """The marks of the tube (start, within) as they are stored, no copy, (bytes, size) uint8."""
         return self.marks[self.tube_index(start, within)]
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
