@@ -17,11 +17,10 @@ from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.played import check_by_runs, played
 from sdhj.solver.entries import solve_stored
+from sdhj.solver.findings import check_sets, suspicions
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, TubeSets, recursion
-from sdhj.solver.resolution import check_sets
-from sdhj.solver.suspected import suspicions
 from sdhj.table.batches import Table
 from sdhj.table.files import opened_table, table_in
 from sdhj.table.table import LookupTable

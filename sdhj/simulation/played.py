@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,11 @@ import numpy as np
 from sdhj.common.checks import whole
 from sdhj.common.findings import Finding, tell
 from sdhj.kernels import FloatArray
-from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, name_of, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
-from sdhj.solver.gaps import gaps
-from sdhj.solver.resolution import costly_error_finding
+from sdhj.solver.findings import NEARLY_EMPTY, empty_finding, gaps, target_reachable_in_a_step
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
@@ -29,14 +26,12 @@ BESIDE_DRAWN = 20_000  # states among which those beside a boundary are looked f
 FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
 SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated by the two costs below
 NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
-NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
-EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
-MOST_CORNERS = 2**23  # numbers
 FEW_OUTSIDE = 30  # states: from fewer outside the target nothing is concluded; .04 have none if a tenth of all leads in
+PROOF = 'method="certified", which promises only what it proves'
 HOPELESS = (
     "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so "
     "what is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
-    'disturbance, a shorter delta or a larger target; method="certified" promises only what it proves'
+    f"disturbance, a shorter delta or a larger target; {PROOF}"
 )
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
 
@@ -126,28 +121,9 @@ def _played(
     problem = table.problem
     outside = np.ones(runs, np.bool_) if problem.has_no_target else problem.target_value(starts, problem.time(0)) > 0
     outside_lost = int(outside[lost].sum())
-    advice = ""
-    if ways:
-        hopeless = (
-            outside_lost > 0
-            and outside.sum() >= FEW_OUTSIDE
-            and not _target_reachable_in_a_step(problem, starts[outside])
-        )
-        advice = HOPELESS if hopeless else _advice(table, ways, runs)
+    left = starts[outside] if outside_lost and not problem.has_no_target else starts[:0]
+    advice = _advice(table, ways, len(lost) / runs, left) if ways else ""
     return Played(runs, len(lost), name_of(play), dict(ways.most_common()), int(outside.sum()), outside_lost, advice)
-
-
-def _target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:
-    """Whether from any of these states (M, ndim) some input leads into the target in a step, by corners of the box.
-
-    A promise needs that, and more. Only the first states are looked at, as many as have `MOST_CORNERS` numbers.
-    """
-    corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
-    states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
-    low, high = problem.interval(0).reachable_boxes(states)
-    ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])
-    values = problem.target_value(ends.reshape(-1, problem.grid.ndim), problem.time(1))
-    return bool((values.reshape(*ends.shape[:3]).max(axis=2) <= 0).any())
 
 
 def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
@@ -161,34 +137,21 @@ def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: i
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 
-def _advice_on_gaps(table: Table) -> str:
-    """Advice where the grid may have filled gaps between pieces of the table's tubes (`sdhj.solver.gaps`); else ""."""
-    return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
-
-
-def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
-    """A sentence or two on how the losses of `runs`, counted by their ways, may be reduced."""
-    problem, grid, said = table.problem, table.grid, []
-    if sum(ways.values()) >= ALARMING * runs and (remedy := _advice_on_gaps(table)):
-        return f'{remedy}; or method="certified", which proves what it promises'
-    blunt = [
-        unsafe_set.name
-        for unsafe_set in problem.unsafe
-        if unsafe_set.sampling == "nodes" and f"collided with {unsafe_set.name}" in ways
-    ]
-    if blunt and not problem.dynamics.stateless:
-        said.append(f'sampling="steep" of {", ".join(blunt)}')
+def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatArray) -> str:
+    """What helps where a share of the runs is lost in these ways; outside : starts (M, ndim) whose runs may be lost."""
+    problem, grid = table.problem, table.grid
+    if len(outside) >= FEW_OUTSIDE and not target_reachable_in_a_step(problem, outside):
+        return HOPELESS
+    if not table.proved and share >= ALARMING and (remedy := gaps(problem, bool(table.details.get("shifted")))):
+        return f"{remedy}; or {PROOF}"
     interval, corner = problem.interval(0), np.array(grid.lower)[None]
     still = np.ptp(interval.displacements(corner)[0], axis=0) == 0  # axes along which no input moves the robot
-    pushed = interval.gain(corner, np.zeros(1, np.int64), interval.begin)[0].any(axis=1)
-    for axis in np.flatnonzero(still & pushed).tolist():
-        if f"went off the grid past the end of {grid.names[axis]}" in ways:
-            said.append(
-                f'ends="wall" or "safe" for {grid.names[axis]}, or a longer axis: only the adversary moves the robot '
-                "along it, and it wins by pushing the state past an unsafe end"
-            )
-    said.append('method="certified", which proves what it promises')
-    return f"What helps: {'; or '.join(said)}"
+    pushed = still & interval.gain(corner, np.zeros(1, np.int64), interval.begin)[0].any(axis=1)
+    for name in (grid.names[axis] for axis in np.flatnonzero(pushed)):
+        if f"went off the grid past the end of {name}" in ways:
+            wins = "only the adversary moves the robot along it, and it wins by pushing the state past an unsafe end"
+            return f'What helps: ends="wall" or "safe" for {name}, or a longer axis: {wins}; or {PROOF}'
+    return f"What helps: {PROOF}"
 
 
 def check_by_runs(table: Table) -> dict[str, Any]:
@@ -198,7 +161,7 @@ def check_by_runs(table: Table) -> dict[str, Any]:
     """
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
-        tell(_cause_of_empty_tube(table, share))
+        tell(empty_finding(table, share))
     if share < NEARLY_EMPTY:
         return {}
     mean = max(table.steps / 2, 1)  # steps of a run
@@ -206,7 +169,7 @@ def check_by_runs(table: Table) -> dict[str, Any]:
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if table.problem.has_no_target:
         return {"played": _check_staying_clear(table, runs)}
-    runs = MOST_PLAYED if (remedy := _advice_on_gaps(table)) else runs
+    runs = MOST_PLAYED if (remedy := gaps(table.problem, bool(table.details.get("shifted")))) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
@@ -254,36 +217,3 @@ def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -
         for moved in (states - cell, states + cell):
             out |= (table.values_at(moved[:, None], 0, within)[:, 0] > 0) | grid.beyond(moved, "fails")
     return states[out][:count]
-
-
-def _cause_of_empty_tube(table: Table, share: float) -> Finding:
-    """The finding on a tube with next to nothing, a `share` of the state space: a likely cause, and what helps."""
-    problem, grid = table.problem, table.grid
-    message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
-    message += "" if problem.has_no_target else ", no more than the target itself" if share else ""
-    states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (EMPTIED_STATES, grid.ndim))
-    clear = problem.unsafe_value(states, problem.time(0)) > 0
-    hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
-    ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0
-    if table.method == "projected" and ways > NEARLY_EMPTY:
-        message += ": the projections may be too conservative for this problem; "
-        return Finding(message, share, 'try method="hji"')
-    if ways <= NEARLY_EMPTY:
-        names = ", ".join(repr(unsafe_set.name) for unsafe_set in problem.unsafe) or "the unsafe ends of the grid"
-        message += f": no input stays clear of {names} for one interval; "
-        return Finding(message, share, "use a shorter delta or other inputs")
-    if eaten := costly_error_finding(problem):  # no node brings that back
-        return Finding(f"{message}: {eaten.cause}", share, eaten.remedy)
-    gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
-    but = "hardly from any for all steps" if problem.has_no_target else gains
-    message += f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; "
-    less = "a smaller error, delay or jitter, " if problem.sensing else ""
-    outside = (
-        np.empty(0) if problem.has_no_target else states[clear & (problem.target_value(states, problem.time(0)) > 0)]
-    )
-    nodes = (
-        "more nodes or "
-        if problem.has_no_target or _target_reachable_in_a_step(problem, outside)
-        else "a smaller disturbance or "
-    )
-    return Finding(message, share, f"use {less}stronger inputs, {nodes}another delta")

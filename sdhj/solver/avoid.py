@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.common.findings import Finding
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import constant, leaf, make
 from sdhj.kernels import FloatArray
@@ -79,16 +78,6 @@ def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> Fl
         out[...] = games.avoid(danger.unsafe_set, step)
     out[~danger.unsafe_set.counts(np.arange(len(out)))] = -np.inf
     return out[(slice(None), *danger.inside)]
-
-
-def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
-    """The finding that no node is in danger of an unsafe set under any input; the caller has found that none is."""
-    return Finding(
-        f"no node is ever in danger of the unsafe set {unsafe_set.name!r}, so the table ignores it. ",
-        0.0,
-        "It lies between the nodes (use more nodes, or enlarge the set), or is out of reach",
-        UserWarning,
-    )
 
 
 def _ends_as_danger(samples: Samples, axis: int) -> Danger:

@@ -42,6 +42,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.union import EIGHT
 from sdhj.problem.describing import arrays_of
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.findings import check_resolution
 from sdhj.solver.recursion import (
     ARRAYS,
     GridMethod,
@@ -54,7 +55,6 @@ from sdhj.solver.recursion import (
     tell_of_never_met,
     unshared_index,
 )
-from sdhj.solver.resolution import check_resolution
 from sdhj.table import container
 from sdhj.table.batches import entry
 from sdhj.table.files import (

@@ -90,7 +90,7 @@ class Joint(Options):
 
     With unsafe sets the PDE is solved as by `Scheme(frame="fixed")`, because in coordinates that move with the drift
     these sets would move differently for each input. It is more diffusive than `sdhj.HJI`, and may promise what lies in
-    a gap between pieces of a tube (`sdhj.solver.gaps`).
+    a gap between pieces of a tube (`sdhj.solver.findings`).
 
     Parameters
     ----------

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from sdhj.common.checks import Options, option
-from sdhj.common.findings import Finding, tell
 from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
@@ -88,7 +87,8 @@ class HopfLax(Options):
     Where a component of the disturbance moves several axes, the maximum is taken over the true set, a zonotope, one
     segment after another. Interpolation then errs to either side: outwards in bowls of the level-set function, inwards
     at ridges. The box around the set, which is larger, is used where gain or bounds depend on time, and for components
-    that move an axis with a wall, unless the set is symmetric about that axis and no input moves along it.
+    that move an axis with a wall, unless the set is symmetric about that axis and no input moves along it; and where v
+    does not enter linearly.
 
     Parameters
     ----------
@@ -133,17 +133,9 @@ class HopfLax(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`; otherwise as `HJI.sets`.
 
-        ValueError with jitter. Warns where v does not enter linearly and moves several axes, as the velocities are then
-        replaced by a box around them.
+        ValueError with jitter.
         """
         refuse_jitter(problem)
-        if problem.dynamics.is_cut:
-            pieces = problem.dynamics.pieces
-            cause = (
-                'a disturbance that does not enter linearly moves several axes: method "lax" plays the box around its '
-            )
-            remedy = f'use method="hji", which cuts its range into {pieces} pieces'
-            tell(Finding(f"{cause}velocities, and finer grids do not help; ", pieces, remedy))
         return GridSets(problem, self)
 
 

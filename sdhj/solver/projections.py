@@ -40,6 +40,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
+from sdhj.solver.findings import names_apart, projection_findings
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
 from sdhj.solver.methods import HJI, HopfLax, refuse_jitter
 from sdhj.solver.recursion import GridSets
@@ -290,63 +291,20 @@ class ProjectedSets(GridSets):
             kept = [max(most, share(goal(step), axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
         self.losses: dict[str, Any] = {
             "target_kept": kept,
-            "free": {self._name(at): one for at, one in sorted(free.items())},
+            "free": {names_apart(self.problem)[at]: one for at, one in sorted(free.items())},
         }
-        tell(*self.empty_findings())
+        tell(*projection_findings(self.problem, games.subspaces, self.losses))
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
         """`losses` and the sentences of all warnings as "projection", for the table's details.
 
         Warns if the tubes never grow beyond the target, unless the cause has been warned of before.
         """
-        found = self.empty_findings()
+        found = projection_findings(self.problem, self.games.subspaces, self.losses)
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
             tell(found[0])
         return {"projection": self.losses | {"warnings": [str(one) for one in found]}}
-
-    def _name(self, position: int) -> str:
-        """The name of an unsafe set, by its position in problem.unsafe; with its number, from 1, if others have it."""
-        names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
-        alone = names.count(names[position]) == 1
-        return names[position] if alone else f"{names[position]}, number {position + 1} of problem.unsafe"
-
-    def _of_inputs(self, name: str) -> str:
-        """ " of [inputs]" for an unsafe set, by the name of `_name`, that counts under some inputs only; else ""."""
-        part = next(one for position, one in enumerate(self.problem.unsafe) if self._name(position) == name)
-        return "" if part.inputs is None else f" of {list(part.inputs)}"
-
-    def empty_findings(self) -> list[Finding]:
-        """Findings, from `losses`, of subspaces that keep nothing of the target, and of sets that leave none free.
-
-        The caller warns; [] if nothing is empty.
-        """
-        problem, names = self.problem, self.problem.grid.names
-        found = []
-        for axes, share in zip(self.games.subspaces, self.losses["target_kept"], strict=True):
-            dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]
-            if share == 0.0:
-                lost = [axis for axis in dropped if axis in problem.target.axes]
-                cause = f"everywhere in the target some value of {_names_joined(names, dropped)} is unsafe"
-                cause = f"the target depends on {_names_joined(names, lost)}" if lost else cause
-                cause = (
-                    f"dropping {_names_joined(names, dropped)} leaves nothing of the target: the projected target has "
-                    f"to be reached for every value of what was dropped, but {cause}; "
-                )
-                found.append(Finding(cause, share, "keep it, or use method='hji'", ProjectionWarning))
-        for name, share in self.losses["free"].items():
-            if share == 0.0:
-                cause = (
-                    f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
-                    "what was dropped is unsafe, so no input counts as safe" + self._of_inputs(name) + "; "
-                )
-                found.append(Finding(cause, share, "keep more of the axes it depends on", ProjectionWarning))
-        return found
-
-
-def _names_joined(names: Sequence[str], axes: Sequence[int]) -> str:
-    """The names of some axes, joined by " and "."""
-    return " and ".join(names[axis] for axis in axes)
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import LARGEST
 from sdhj.problem.uncertain import eroded_by_error, must_lead_into
-from sdhj.solver.avoid import avoid_tubes_of, dangers, never_met_finding
+from sdhj.solver.avoid import avoid_tubes_of, dangers
+from sdhj.solver.findings import check_resolution, never_met_finding
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
-from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table, entry
 from sdhj.table.table import AvoidTubes, LookupTable, entries
 

@@ -17,8 +17,8 @@ import sdhj
 from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.samples import Samples
+from sdhj.solver.findings import gaps
 from sdhj.solver.games import HJIGames, past_ends
-from sdhj.solver.gaps import gaps
 from sdhj.solver.joint import Joint
 
 FIXED = HJI(Scheme(frame="fixed"))

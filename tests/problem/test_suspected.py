@@ -7,7 +7,7 @@ from toys import torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.common.findings import ResolutionWarning, tell
-from sdhj.solver.suspected import suspicions
+from sdhj.solver.findings import suspicions
 
 PI = np.pi
 

@@ -1,6 +1,5 @@
 """What a grid does not see of an unsafe set it says, and a sampling by cells sees everything."""
 
-import re
 import warnings
 from dataclasses import replace
 
@@ -13,8 +12,8 @@ from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, Unsaf
 from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells, least_of_cells
 from sdhj.problem.samples import Samples
+from sdhj.solver.findings import check_resolution, check_sets
 from sdhj.solver.joint import Joint
-from sdhj.solver.resolution import check_resolution, check_sets, too_thin_finding
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 
@@ -94,12 +93,6 @@ def test_a_wall_across_the_seam_of_a_periodic_axis_and_one_that_comes_later_are_
     for part in (seam, later):
         with pytest.warns(ResolutionWarning, match=part.name):
             check_resolution(replace(problem, unsafe=(part,)))
-
-
-def test_an_indicator_is_no_distance():
-    costmap = UnsafeSet((0, 1), lambda p, t: np.where(np.hypot(p[:, 0] - 3.0, p[:, 1] - 3.0) < 1.0, -1.0, 1.0))
-    with pytest.warns(ResolutionWarning, match="jumps at the set's boundary"):
-        check_resolution(replace(room(), unsafe=(costmap,)))
 
 
 def test_by_bounds_the_least_in_the_cells_is_that_of_the_closed_form(rng):
@@ -199,46 +192,6 @@ def wall(x, half):
     return lambda p: np.maximum(np.abs(p[:, 0] - x) - half, p[:, 1] - 5.0)
 
 
-def disk(x, radius):
-    return lambda p: np.hypot(p[:, 0] - x, p[:, 1] - 3.0) - radius
-
-
-def aslant(half):
-    return lambda p: np.maximum(np.abs(p[:, 0] - p[:, 1]) / np.sqrt(2) - half, p.sum(axis=1) - 8.0)
-
-
-THIN = {"a node": wall(3.0, 0.11), "two": wall(3.1, 0.11), "aslant": aslant(0.1), "dot": disk(3.0, 0.1)}
-THICK = {"one deep node": wall(3.0, 0.19), "three": wall(3.0, 0.25), "aslant": aslant(0.25), "disk": disk(3.0, 0.3)}
-TIPS = {f"disk of {radius}": disk(3.0, radius) for radius in (0.401, 0.41, 0.601, 0.805)}  # poles of one node each
-TIPS["diamond"] = lambda p: np.abs(p - 3.0).sum(axis=1) - 0.61
-
-
-@pytest.mark.parametrize("name", THIN)
-def test_what_is_seen_but_thin_is_told(name):
-    with pytest.warns(ResolutionWarning, match="'it' is too thin for the grid at x1 = .* nodes along x1"):
-        check_resolution(hall(THIN[name]))
-
-
-@pytest.mark.slow
-def test_a_thin_wall_is_told_with_its_place_thickness_and_the_nodes_that_resolve_it():
-    with pytest.warns(ResolutionWarning) as told:
-        check_resolution(hall(wall(3.0, 0.11)))
-    assert "at x1 = 3, x2 = " in str(told[0].message) and "about 0.22 along x1 thick" in str(told[0].message)
-    assert "Use 70 nodes along x1, or" in str(told[0].message)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for nodes in (70, 71, 72):
-            check_resolution(hall(wall(3.0, 0.11), nodes))
-            check_resolution(hall(wall(3.03, 0.11), nodes))
-
-
-@pytest.mark.parametrize("shape", [*THICK.values(), *TIPS.values()], ids=[*THICK, *TIPS])
-def test_what_is_thick_and_tips_are_not_told(shape):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_resolution(hall(shape))
-
-
 @pytest.mark.slow
 def test_a_thin_wall_loses_what_a_thick_one_does_not(rng):
     """Judged on the true unicycle: why the line is drawn at three quarters of a cell."""
@@ -264,29 +217,6 @@ def test_a_thin_wall_loses_what_a_thick_one_does_not(rng):
         )
         lost[name] = np.mean(outcomes == "collided")
     assert lost["thin"] > 0.02 and lost["deep"] < 0.01 and lost["cell"] < 0.01, lost  # of 2,000: five errors apart
-
-
-@pytest.mark.parametrize(("ndim", "nodes"), [(3, 15), (4, 11)])
-def test_a_ball_is_not_thin_where_a_line_grazes_it(ndim, nodes, rng):
-    """A chord is as short as one likes; what is thick beside it is no wall, and no number of nodes would mend it."""
-    for radius in (0.3, 0.5):
-        for centre in rng.uniform(0.6, 1.2, (4, ndim)):
-            problem = sdhj.ReachAvoidProblem(
-                sdhj.Grid([0.0] * ndim, [2.0] * ndim, [nodes] * ndim),
-                sdhj.Dynamics([[1.0]], lambda q, u: 0.1 * q, np.eye(ndim), [0.1] * ndim),
-                sdhj.TargetSet((0,), lambda p, t: 1.7 - p[:, 0]),
-                [UnsafeSet(range(ndim), lambda p, t, c=centre, r=radius: np.linalg.norm(p - c, axis=1) - r)],
-                0.1,
-                1,
-            )
-            assert too_thin_finding(Samples(problem), problem.unsafe[0], 0.0) is None
-
-
-def test_more_nodes_are_asked_for_first_where_they_fit_memory(monkeypatch):
-    problem = hall(wall(3.0, 0.11))
-    assert ", or UnsafeSet(" in str(too_thin_finding(Samples(problem), problem.unsafe[0], 0.0))
-    monkeypatch.setattr(sdhj.solver.resolution, "available", lambda: (10**6, "are available"))
-    assert "enlarges the set by less than a cell; " in str(too_thin_finding(Samples(problem), problem.unsafe[0], 0.0))
 
 
 def test_problems_that_share_a_set_have_samples_of_their_own():
@@ -373,7 +303,7 @@ def test_every_method_says_what_is_wrong_with_a_problem(mistake, method, tmp_pat
 
 
 def test_between_many_nodes_a_set_is_sought_if_none_is_in_it(monkeypatch):
-    monkeypatch.setattr(sdhj.solver.resolution, "MOST_NODES", 1)
+    monkeypatch.setattr(sdhj.solver.findings, "MOST_NODES", 1)
     for mistake in ("nowhere", "a thin fence"):
         changes, said = MISTAKES[mistake]
         with pytest.warns(ResolutionWarning, match=said):
@@ -406,42 +336,3 @@ def test_what_is_periodic_or_comes_by_is_not_told(method):
     for changes in ({}, {"drift": around}, {"sampling": "cell"}, {"axes": (1,), "level": late}):
         with warnings.catch_warnings(action="error"):
             sdhj.solve(on_the_ring(**changes), METHODS[method], play=False, progress=False)
-
-
-def beside_a_square(flat, deep, sampling="nodes"):
-    """A robot that turns beside a square of 1 m, whose function falls by `deep` within it or, flat, no farther."""
-
-    def level(p, t):
-        far = np.abs(p[:, :2]) - (0.5 - deep)
-        outside = np.hypot(np.maximum(far[:, 0], 0.0), np.maximum(far[:, 1], 0.0))
-        return outside - deep if flat else outside + np.minimum(far.max(axis=1), 0.0) - deep
-
-    turned = lambda q, u: np.stack([np.cos(q[:, 2] + u[0]), np.sin(q[:, 2] + u[0]), 0.0 * q[:, 2]], axis=1)  # noqa: E731
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], [41, 41, 8], periodic=[False, False, True]),
-        sdhj.Dynamics([[0.0], [1.0]], turned, np.zeros((3, 1)), [0.0]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - 0.4),
-        [sdhj.UnsafeSet((0, 1), level, name="square", sampling=sampling)],
-        0.25,
-        1,
-    )
-
-
-@pytest.mark.parametrize(
-    ("flat", "deep", "sampling", "told"),
-    [
-        (True, 0.05, "nodes", True),  # half a cell
-        (True, 0.12, "nodes", True),
-        (False, 0.05, "nodes", False),
-        (True, 0.3, "nodes", False),  # three cells
-        (True, 0.05, "steep", False),  # as the warning advises
-        (True, 0.05, "cell", False),
-    ],
-)
-def test_a_function_that_is_flat_just_below_zero_is_told(flat, deep, sampling, told):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_resolution(beside_a_square(flat, deep, sampling))
-    said = [str(one.message) for one in caught]
-    assert len(said) == told
-    assert not told or re.search('\'square\' is flat inside.*negative inside.*"steep".*"cell"', said[0])

@@ -33,11 +33,6 @@ def test_where_walls_hide_between_the_nodes_it_refuses() -> None:
         solved(maze(21, 12, steps=60), "hji")
 
 
-def test_where_walls_are_seen_and_worn_down_it_refuses_too() -> None:
-    with pytest.raises(ValueError, match=r"the unsafe set .walls. is too thin for the grid at x = .*steep"):
-        solved(maze(61, steps=60, sampling="nodes"), "hji")
-
-
 @pytest.mark.slow
 def test_promises_that_hundreds_of_steps_outlive_are_refused(solves_are_played: None) -> None:
     with pytest.raises(ValueError, match=r"of what this table promises .* runs lost"):
