@@ -36,12 +36,11 @@ class Moment:
     problem : ReachAvoidProblem
     states : (M, ndim) array
         The current state of each run.
-    inputs : (M,) int array
-        The index in problem.inputs of the input that each robot holds over the interval.
-    steps_to_go : (M,) int array
-        The steps to go at the start of the interval.
+    inputs, steps_to_go : (M,) int arrays
+        The index in problem.inputs of the input that each robot holds over the interval, and the steps to go at its
+        start.
     step, substep : int
-        The step k of the interval, and the substep that begins; substep 0 begins at the start of the interval.
+        The step k of the interval, and the substep that begins, from 0 on.
     time, remaining, duration : float
         The current time, the time left until the interval's end, and the length of the substep, s.
     previous : (M, D) array
@@ -146,16 +145,13 @@ def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float
 
 
 def aggressive(moment: Moment) -> FloatArray:
-    """The pursuer of Sec. 6.1: the vertex of the box of v that most reduces the distance to the unsafe sets now.
-
-    Each component has the sign that reduces the function of the nearest unsafe set that it affects; 0 if it affects
-    none.
-    """
+    """The pursuer of Sec. 6.1: the vertex of the box of v that most reduces the distance to the unsafe sets now."""
     states, sets = moment.states, moment.problem.unsafe
     if not sets:
         return np.zeros_like(moment.previous)
     push = moment.duration * moment.gain(states) * moment.bounds[:, None]
     effects = np.stack([_effects(moment, part, states, moment.time, push) for part in sets])  # (sets, 1 + D, M)
+    # each component has the sign that reduces the function of the nearest set that it affects
     direction, rows = np.zeros_like(moment.previous), np.arange(len(states))
     for nearest in np.argsort(-effects[:, 0], axis=0):  # from the farthest set to the nearest, which takes precedence
         change = effects[nearest, 1:, rows]
@@ -182,22 +178,16 @@ def worst(moment: Moment) -> FloatArray:
 
 
 def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
-    """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,).
-
-    Only sets count that are unsafe under each state's input; inf past a safe end, and where there is neither.
-    """
+    """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,)."""
     grid = problem.grid
     low, high = grid.faces("fails")
     ends = np.minimum(states - low, high - states).min(axis=1)
     found = np.minimum(problem.unsafe_value(grid.clipped(states, "frees"), t, inputs), ends)
-    return np.where(grid.beyond(states, "frees"), np.inf, found)
+    return np.where(grid.beyond(states, "frees"), np.inf, found)  # past a safe end nothing matters any longer
 
 
 def greedy(moment: Moment) -> FloatArray:
-    """The vertex of the box of v, or 0, that comes nearest to what is unsafe if held until the interval's end: (M, D).
-
-    Nearest is the least `level_of_unsafe` on simulated paths; of equals it is the first, vertices before 0.
-    """
+    """The vertex of the box of v, or 0, that comes nearest to what is unsafe if held to the interval's end: (M, D)."""
     # with 0 it holds a state on a ridge of the game's value, as straight ahead of a car
     if moment.substep % (SUBSTEPS // TURNS):  # in between it keeps what it has decided
         return np.clip(moment.previous, -moment.bounds, moment.bounds)

@@ -45,14 +45,11 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     adversary
         As for `sdhj.simulate`.
     shield : bool
-        Whether `Controller.filter` replaces actions that are not safe, and on a grid those that are by less than a
-        third of a cell; if False, every action is applied as it is. With a certified table what it lets pass is proved,
-        else it is right up to the error of the grid.
+        Whether `Controller.filter` replaces actions that it does not let pass; if False, all are applied as they are.
 
     Attributes
     ----------
     controller : Controller
-        Of the table, whose filter is used.
     now : int
         The step of the run.
     outcome : str
@@ -94,7 +91,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     ) -> tuple[FloatArray, dict[str, Any]]:
         """Start at step 0 from options["state"] (ndim,), or from a random state of the tube outside the target.
 
-        Returns the observation and `info`. ValueError if the state does not fit or no state can be drawn.
+        Returns the observation and `info`; ValueError if the state does not fit or none can be drawn.
         """
         super().reset(seed=seed)
         problem = self.table.problem

@@ -117,10 +117,7 @@ def _near(
 def _may_meet(
     problem: ReachAvoidProblem, unsafe_set: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool.
-
-    False for all, unproved, where a black box does not declare enough for a bound.
-    """
+    """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool."""
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
     low, high = start + np.minimum(by, 0.0), start + np.maximum(by, 0.0)
@@ -128,7 +125,7 @@ def _may_meet(
     over_seam = np.array(grid.periodic) & ((low < grid.lower) | (high > grid.upper))
     try:
         least = unsafe_set.level_set.bounds_by_branch(low, high, times)[0]
-    except ValueError:
+    except ValueError:  # a black box declares too little: nothing is looked for between substeps
         return np.zeros(len(points), np.bool_)
     return ~(least > 0.0) | over_seam.any(axis=1)
 

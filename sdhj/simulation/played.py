@@ -155,14 +155,11 @@ def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatA
 
 
 def check_by_runs(table: Table) -> dict[str, Any]:
-    """Warn of an empty tube or broken promises of a solved table; returns {'played': counts} for its details.
-
-    It is {} for an empty tube, from which nothing is simulated.
-    """
+    """Warn of an empty tube or broken promises of a solved table; returns {'played': counts} for its details, or {}."""
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
         tell(empty_finding(table, share))
-    if share < NEARLY_EMPTY:
+    if share < NEARLY_EMPTY:  # from which nothing can be simulated
         return {}
     mean = max(table.steps / 2, 1)  # steps of a run
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
@@ -205,10 +202,7 @@ def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
 
 
 def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -> FloatArray:
-    """Up to `count` states (M, ndim) of the tube of all steps from which some cell along an axis leads out of it.
-
-    They are what is found among `BESIDE_DRAWN` states, so that M may be 0.
-    """
+    """Up to `count` states (M, ndim), maybe 0, of the tube of all steps from which a cell along an axis leads out."""
     grid, steps = table.grid, table.steps
     states = rng.uniform(grid.lower, grid.upper, (BESIDE_DRAWN, grid.ndim))
     states = states[table.contains(states, start=0, within=steps)]

@@ -53,10 +53,8 @@ class Trajectory:
         The instants, s; every 20th is a sampling time.
     states : (T, ndim) array
         Coordinates of periodic axes are not wrapped, so the path has no jumps.
-    inputs : (K,) int array
-        Index into problem.inputs of the input held over each of the K intervals that began.
-    steps_to_go : (K,) int array
-        The steps to go at the start of each interval.
+    inputs, steps_to_go : (K,) int array
+        Index into problem.inputs of the input held over each of the K intervals that began, and the steps to go then.
     disturbances : (T - 1, D) array
         The adversary's choice between one instant and the next.
     outcome : {"reached", "collided", "left", "late", "off the grid"}

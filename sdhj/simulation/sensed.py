@@ -167,13 +167,10 @@ class Runs:
         self.simulate_inputs(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
 
     def simulate_inputs(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
-        """Simulate the runs `rows` (R,) for an interval from sampling time `number`, under these inputs (R,) int.
-
-        With a `Sensing` the adversary first says when the next inputs start.
-        """
+        """Simulate the runs `rows` (R,) for an interval from sampling time `number`, under these inputs (R,) int."""
         problem = self.problem
         next_offsets: FloatArray = np.zeros(rows.size, np.int64)
-        if problem.sensing and rows.size:
+        if problem.sensing and rows.size:  # the adversary says when the next inputs start
             answer = self.shift(self.first_moment(number, problem.time(number), rows, inputs, to_go))
             next_offsets = real_array("what the adversary's shift returns", answer, rows.shape)
             if not np.isin(next_offsets, (-1, 0, 1)).all():
@@ -229,13 +226,10 @@ def rollouts(
     rng: np.random.Generator,
     watch: Watch | None = None,
     *,
-    steps: int | None = None,
+    steps: int | None = None,  # all by the tubes of step 0; None: all steps of the problem in order
     sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Outcomes, as indices into `OUTCOMES`, and numbers of intervals of a run from each start (M, ndim): (M,) int each.
-
-    With `steps` given all of them use the tubes of step 0.
-    """
+    """Outcomes, indices into `OUTCOMES`, and numbers of intervals of a run from each start (M, ndim): (M,) int each."""
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, first_tubes_only=steps is not None)
     for offset in np.unique(runs.offsets):

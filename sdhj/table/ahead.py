@@ -46,13 +46,11 @@ def conditional(problem: ReachAvoidProblem) -> bool:
 
 
 def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
-    """Three programs on state and time, for compiled code: the paths' ends, the unsafe sets, the target.
-
-    Each is empty where there is nothing, or no formula of the paths; the level-set functions must be formulas.
-    """
+    """Three programs on state and time, for compiled code: the paths' ends, the unsafe sets, the target; or empty."""
     ahead, ndim = problem.interval(0).displacement_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
     unsafe, target = (program([_timed(part, ndim) for part in some]) for some in sets)
+    # there may be no formula of the paths; the level-set functions must be formulas
     return *program(ahead.outputs if ahead else ()), *unsafe, *target
 
 

@@ -211,11 +211,7 @@ class Table(ReadOnly):
     # ---- sets
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """The tube as a level-set function (points (M, ndim), t) -> (M,), for `TargetSet.from_table`.
-
-        At t_k it is that of step k with min(within, N - k) to go, at other times 1; at any time that of step 0 if
-        nothing depends on time.
-        """
+        """The tube as a level-set function (points (M, ndim), t) -> (M,), 1 between steps: for `from_table`."""
         most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
         steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
         return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
@@ -401,11 +397,7 @@ class Table(ReadOnly):
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L) that the true sets pass: (M,) int; `batch` stays.
-
-        Of equals it is that of least margin; if none passes, `Batch.best`; -1 for states that are not admissible and at
-        the last step.
-        """
+        """For each state the safe input of least score (M, L) that the true sets pass, else `Batch.best`: (M,) int."""
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
         self._fill_in_and_check(checked, scores, TRUE_SETS_ONLY, np.arange(len(to_go)))
@@ -453,11 +445,7 @@ class Table(ReadOnly):
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether one input for each state (M, ndim) passes the true sets, without interpolation: (M,) bool.
-
-        Point 6 of `notebooks/site/code.md` says where they are asked, the target where `left` (M,) is 0; proved
-        tables pass all.
-        """
+        """Whether an input for each state passes the true sets (`notebooks/site/code.md`, point 6): (M,) bool."""
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
         self._fill_in_and_check(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))
@@ -549,17 +537,14 @@ def threads() -> int:
 
 
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
-    """Call `work(rows)` for parts of the rows 0 to M - 1 of states (M, ndim), so that each row comes once.
-
-    More than `CHUNK` come sorted by cell, for the cache, from several threads at once; an error in `work` is raised
-    here.
-    """
+    """Call `work(rows)` for all rows of states (M, ndim), each once; where they are many, from several threads."""
     if len(states) <= CHUNK:
         if len(states):
             work(np.arange(len(states)))
         return
-    order = _by_cell(grid, states)
+    order = _by_cell(grid, states)  # those of a chunk read the same nodes
     with ThreadPoolExecutor(threads()) as pool:
+        # an error in `work` is raised here
         list(pool.map(work, [order[begin : begin + CHUNK] for begin in range(0, len(states), CHUNK)]))
 
 

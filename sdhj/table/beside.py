@@ -124,10 +124,7 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
 
 
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
-    """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,) int: (M, ndim).
-
-    A controller and the simulated robots share it.
-    """
+    """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,) int: (M, ndim)."""
     delay, grid = problem.sensing.delay, problem.grid.walled  # all ends hold, also without a delay
     measured = states_array("a measurement", measured, grid.ndim)
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)

@@ -228,13 +228,11 @@ def believed(stated: Mapping[str, Stated]) -> bool:
 
 
 def begin_array(folder: Path, name: str, kind: str, shape: Sequence[int]) -> None:
-    """Make the .npy file of an array in a folder, or cut or extend the one that is there; its numbers stay.
-
-    What is not written yet is 0, and takes no room where the system knows that.
-    """
+    """Make the .npy file of an array in a folder, or cut or extend the one that is there; its numbers stay."""
     path = folder / file_name(name)
     with open(path, "r+b" if path.exists() else "xb") as out:
         out.write(header(kind, shape))
+        # what is not written yet is 0, and takes no room where the system knows that
         out.truncate(Stated(kind, tuple(shape), "").size)
 
 

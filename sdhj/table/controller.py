@@ -616,10 +616,7 @@ class Controller:
         return Filtered(*(field[0] for field in answer) if single else answer)
 
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
-        """The answer of `filter` for one state q (ndim,) of a proved table, in half the time; or None.
-
-        None where no input is safe, or where `wanted` is not valid: `filter` then takes its general way.
-        """
+        """The answer of `filter` for a state of a proved table, in half the time; None leaves it to the general way."""
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
             wanted = plain_array("wanted", wanted)
@@ -679,13 +676,11 @@ class Controller:
         return self.table.preferred(batch, scores)
 
     def allowed(self, batch: Batch) -> FloatArray:
-        """Which safe inputs a rule with `all_left`, and the filter, may choose for each state of a batch: bool (M, L).
-
-        On a grid those that keep `SHIELDED` cells or, where none does, of least margin; of a certified table all.
-        """
+        """Which safe inputs the filter, and a rule with `all_left`, may choose for each state: bool (M, L)."""
         if self.table.proved:
             return batch.safe
         margins = np.where(batch.safe, batch.margins, np.inf)
+        # those that keep a part of a cell or, where none does, those of the least margin
         return batch.safe & (
             margins <= np.maximum(-SHIELDED * self.table.change_over_cell, margins.min(axis=1, keepdims=True))
         )

@@ -81,8 +81,8 @@ class CostToGo(ReadOnly):
 
     J_k(q) = min_u c_k(q, u) + J_{k+1}(q'), for clearance max instead of +, with v = 0 (`sdhj.table.cost_to_go`). Other
     rules choose among the inputs that reach the target in the fewest steps; a controller with this one takes its time,
-    and reaches it by the last step. It knows its time by the step, which has to be given where nothing else depends
-    on it. What is promised stays so: on a grid inputs are taken that keep a third of a cell, as by `Controller.filter`.
+    and reaches it by the last step; it has to be told the step always. What is promised stays so: on a grid inputs are
+    taken that keep a third of a cell, as by `Controller.filter`.
 
     Computing J asks the table once for each step and node of the grid, and takes 8 bytes of memory for each.
 
@@ -100,17 +100,15 @@ class CostToGo(ReadOnly):
 
     Attributes
     ----------
-    problem : ReachAvoidProblem
-        That of the table.
-    name : str
-        The cost's name, as in errors.
+    problem, name : ReachAvoidProblem, str
+        That of the table, and that of the cost, as in errors.
     all_left : bool
         True, as `Controller` explains.
 
     Raises
     ------
     ValueError
-        If `table` is none or holds for ever without a target, where no sum ends; if the cost is unknown, or asks for a
+        If `table` is none or holds for ever without a target, where no sum ends; if the cost is unknown, asks for a
         target or an unsafe set that there is not, or does not return a number for each candidate.
     MemoryError
         If J would not fit into memory.
@@ -170,14 +168,12 @@ class CostToGo(ReadOnly):
         return out
 
     def __call__(self, candidates: Candidates) -> FloatArray:
-        """The scores of P candidates, c_k(q, u) + J_{k+1}(q'), or the larger of the two: (P,).
-
-        It is inf where less than `LEAST_WEIGHT` of the nodes around q', by weight, are in the tube.
-        """
+        """The scores of P candidates, c_k(q, u) + J_{k+1}(q'), or the larger of the two: (P,)."""
         if candidates.problem != self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
         ends = candidates.successors
         sums, weights = (self.problem.grid.interpolate(one, ends) for one in self._values[candidates.step + 1])
+        # inf where next to none of the nodes around q' is in the tube
         known = (weights >= LEAST_WEIGHT) & np.isfinite(weights)
         after = np.where(known, sums, np.inf) / np.where(known, weights, 1.0)
         after[self.problem.grid.beyond(ends, "frees")] = self._cost.nothing

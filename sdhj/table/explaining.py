@@ -26,8 +26,8 @@ class Failure:
         not all in the next tube, and "rounding" if only what its whole cell may lead to is not; "marks" if only the
         look at the nodes around or at the true sets refuses it.
     short : float
-        By how much, as a number below 0. On a grid the level-set value, turned; for a certified table the least that
-        the set's level-set function may be, the way past the end, or the share of the image's cells not certified.
+        By how much, below 0: on a grid the level-set value, turned; for a certified table the least that the set's
+        level-set function may be, the way past the end, or the share of the image's cells not certified.
     says : str
         The same in words.
     """
@@ -160,11 +160,9 @@ def _failure(
 
 
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
-    """The unsafe set, or the unsafe end of an axis, that input j comes nearest to, by name, and when, s.
-
-    Nearest is the least level-set value, or distance to an end, on straight lines from the state to `ends` (P, ndim).
-    """
+    """The unsafe set, or the unsafe end of an axis, that input j comes nearest to, by name, and when, s."""
     problem, grid = table.problem, table.grid
+    # by level-set value, or distance to an end, on straight lines from the state to `ends` (P, ndim)
     best = np.inf, "the unsafe ends of the grid", 0.0
     for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
         points, t = state + s * ends, problem.time(step) + s * problem.delta

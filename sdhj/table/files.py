@@ -149,11 +149,8 @@ def write_table(path: Named, table: Table, arrays: Mapping[str, FloatArray], com
 
 
 def finish_folder(folder: Path, head: Mapping[str, Any], shapes: Mapping[str, tuple[str, tuple[int, ...]]]) -> None:
-    """Make a folder of arrays, which `container.begin_array` began, a table: it gets its problem.json, last of all.
-
-    `shapes` of arrays may be shorter than begun: their files are cut.
-    """
-    text = head_text(head, stated_in(folder, shapes))
+    """Make a folder of arrays, which `container.begin_array` began, a table: it gets its problem.json, last of all."""
+    text = head_text(head, stated_in(folder, shapes))  # files that were begun longer are cut
     with replaced_whole(folder / HEAD) as temporary:
         temporary.write_bytes(text)
 
@@ -256,11 +253,8 @@ def require_entries(head: Mapping[str, Any], file: Contents) -> None:
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """A copy of the head of a file with its values checked and converted: `Grid`, `Sensing`, inputs (L, m).
-
-    A head that is none raises errors of many kinds, which `opened_table` translates; "told" are its own entries, of
-    which the digest is.
-    """
+    """A copy of the head of a file with its values checked and converted: `Grid`, `Sensing`, inputs (L, m)."""
+    # what does not fit raises errors of many kinds, which `opened_table` translates
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
         raise ValueError(f"{', '.join(words)} must be text, the recipe a mapping")
@@ -268,7 +262,7 @@ def checked_head(head: Any) -> dict[str, Any]:
     if inputs.ndim != 2:
         raise ValueError(f"inputs must have shape (L, m), got {inputs.shape}")
     return head | {
-        "told": {name: head[name] for name in TOLD},
+        "told": {name: head[name] for name in TOLD},  # unconverted: of these the digest is
         "grid": Grid(*(head["grid"][name] for name in LAYOUT)),
         "inputs": inputs,
         "details": dict(head["details"]),
@@ -294,11 +288,7 @@ def arrays_in(file: Contents) -> dict[str, FloatArray]:
 def problem_of_file(
     path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem that the head and the arrays of a file describe; or `problem`, if it is given and is the same.
-
-    `TableFileError` if it is another, or if the digest in the head is not that of what is described; `path` is only for
-    messages.
-    """
+    """The problem that the head and the arrays of a file describe; or `problem`, if it is given and is the same."""
     if head["digest"] != (found := digest_of(head["told"], arrays)):
         raise TableFileError(
             f"{path} was changed after it was written: its head names the problem {head['digest'][:12]}..., and what "

@@ -196,10 +196,7 @@ class LookupTable(Table):
         return out
 
     def _fill_in_and_check(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """As `Table._fill_in_and_check`, by compiled code where all level-set functions are formulas.
-
-        Where one is undefined Python runs, too, whose error says so.
-        """
+        """As `Table._fill_in_and_check`, by compiled code where all level-set functions are formulas."""
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._all_formulas:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
@@ -213,10 +210,7 @@ class LookupTable(Table):
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Whether the compiled `decide` has filled in rows of a batch in place, as `_fill_in_and_check` explains.
-
-        False if a formula was undefined at one of the states; what is in the rows is then undefined.
-        """
+        """Fill in rows (R,) of a batch in place by the compiled `decide`; False, with undefined rows, if it cannot."""
         asked, leads = (batch.states, rows, batch.step, batch.within, checks), (ends, scores, self.normals)
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best
         return bool(decide(*asked, *self.tape_at(batch.step), self.steps, *self._stored, *leads, *out))
@@ -289,10 +283,7 @@ class LookupTable(Table):
     def of_arrays(
         cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
     ) -> Self:
-        """The table whose arrays `stored(name, dtypes, shape)` reads, from a file or a store, as `read_array` does.
-
-        ValueError if they do not fit together.
-        """
+        """The table whose arrays `stored(name, dtypes, shape)` reads, from a file or a store, as `read_array` does."""
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
             raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")
