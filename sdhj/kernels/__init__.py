@@ -14,8 +14,8 @@ T = TypeVar("T")
 def read_only(value: T) -> T:
     """Make an array, or all arrays in tuples, lists and dicts, read-only in place; returns the same object.
 
-    Every array that is kept is made read-only when it is made: to compiled code a read-only array has another type, and
-    a kernel that is given both kinds is compiled twice.
+    Every array that is kept is: to compiled code a read-only array has another type, and a kernel that is given both
+    kinds is compiled twice.
     """
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
@@ -35,7 +35,6 @@ class Sealed(dict[str, Any]):
     """A dict that cannot be written, nor the mappings and lists in it: TypeError. `dict(sealed)` can be written."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        """Copy a mapping, and seal it and what is in it (`sealed_copy`); `given` itself stays as it is."""
         super().__init__({name: sealed_copy(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
@@ -49,7 +48,6 @@ class SealedList(list[Any]):
     """A list that cannot be written, nor the mappings and lists in it: TypeError. `list(sealed)` can be written."""
 
     def __init__(self, given: Iterable[Any]) -> None:
-        """Copy a list, and seal it and what is in it (`sealed_copy`); `given` itself stays as it is."""
         super().__init__(map(sealed_copy, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
@@ -61,10 +59,7 @@ class SealedList(list[Any]):
 
 
 def sealed_copy(value: Any) -> Any:
-    """A mapping as a `Sealed` copy, a list as a `SealedList` copy, a tuple with its entries so; anything else as it is.
-
-    Mappings and lists within these are sealed, too, at any depth. A tuple without any is the same object.
-    """
+    """A mapping or list as a `Sealed` or `SealedList` copy, a tuple with its entries so; anything else as it is."""
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
@@ -74,16 +69,10 @@ def sealed_copy(value: Any) -> Any:
 
 
 class kept(cached_property[T]):
-    """A `cached_property` whose value cannot be written: computed once, at first use, and then read-only.
-
-    Arrays in the value are made read-only in place; mappings and lists are sealed copies (`sealed_copy`).
-    """
+    """A `cached_property` whose value cannot be written: arrays are read-only, mappings and lists sealed copies."""
 
     def __init__(self, function: Callable[[Any], T]) -> None:
-        """Make the property of the method `function`, which computes its value."""
-
         def found(self: Any) -> Any:
-            """The method's value, made read-only."""
             return sealed_copy(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

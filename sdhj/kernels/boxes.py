@@ -18,23 +18,18 @@ class Leaves(NamedTuple):
     """What `maximum_of_intervals` computes: leaf i is the maximum of function parent[i] over the intervals which[i].
 
     An interval lies alike around every node of an axis; its ends are interpolated.
-
-    parent, which : (leaves,).
-    taps : (intervals, n, 2, 4), for each interval and node, at each of its two ends the nodes before, left, right and
-        behind.
-    weight : (intervals, n, 2, 2), at each end the share of the right node and the factor of the limited second
-        difference.
-    between : (intervals, n, 2), the first node within the interval and the one behind the last; on a periodic axis they
-        are not taken around.
-    point : (intervals,) bool, whether the two ends are one.
     """
 
+    # (leaves,)
     parent: FloatArray
     which: FloatArray
+    # (intervals, n, 2, 4): for each node, at each end of the interval, the nodes before, left, right and behind
     taps: FloatArray
+    # (intervals, n, 2, 2): at each end the share of the right node and the factor of the second difference
     weight: FloatArray
+    # (intervals, n, 2): the first node within the interval and the one behind the last, not taken around
     between: FloatArray
-    point: FloatArray
+    point: FloatArray  # (intervals,) bool: whether the two ends are one
 
 
 @kernel(inline="always")
@@ -46,12 +41,9 @@ def _limited(a, b):
 
 @kernel(**UNCOUNTED)
 def _interpolate_end(out, values, taps, weight, start, stop, raised):
-    """Write to out the interpolant, at one end of an interval, of the rows start to stop of values (n, B), in place.
+    """out = a + share (b - a) + bend times the limited second difference, at one end of an interval, in place.
 
-    a + share (b - a) + bend times the limited second difference, a and b being the values left and right of the end.
-
-    out (stop - start,). taps (4,) : the nodes before, left, right and behind. weight (2,) : share and bend.
-    raised : out becomes the greater of that and what was in it.
+    a, b are rows start to stop of values (n, B), left and right of the end. With `raised`, the greater of that and out.
     """
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
@@ -69,10 +61,9 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
 
 @kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """Write to out the maximum of values[:, start:stop] over interval `kind` of `leaves` around a node, in place.
+    """Write to `out` the maximum of values[:, start:stop], (n, B), over interval `kind` around a node, in place.
 
-    out (stop - start,). values (n, B). leaves : the `Leaves`, whose parent and which are not used. raised : bool; out
-        becomes the greater of that and what was in it.
+    With `raised`, the greater of that and what was in out.
     """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
@@ -85,11 +76,8 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
 
 
 @kernel()
-def _maximum_of_short_rows(out, values, kind, leaves, raised):
-    """Write to out (rows, nodes, B) the maximum of values (rows, n, B) over an interval around each node, in place.
-
-    kind : the number of the interval in `leaves`. raised : out becomes the greater of that and what was in it.
-    """
+def _maxima_of_turned_rows(out, values, kind, leaves, raised):
+    """Write to out (rows, nodes, B) the maximum of values (rows, n, B) over an interval around each node, in place."""
     # All rows are done side by side, as each has few nodes.
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
@@ -113,10 +101,9 @@ def _maximum_of_short_rows(out, values, kind, leaves, raised):
 
 @kernel(parallel=True, least=FEW)
 def maximum_of_intervals(values, leaves, raised, out):
-    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node.
+    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node, in place.
 
-    values (functions, A, n, B). out (leaves, A, nodes, B) : written in place. leaves : the `Leaves`, with parent and
-    which. raised : out becomes the greater of that and what was in it.
+    values (functions, A, n, B), out (leaves, A, nodes, B). With `raised`, the greater of that and what was in out.
     """
     count, before, nodes, after = out.shape
     short = after < SHORT and before > 1
@@ -127,7 +114,7 @@ def maximum_of_intervals(values, leaves, raised, out):
         leaf, a = group // groups, group % groups * each
         kind, parent = leaves.which[leaf], leaves.parent[leaf]
         if short:
-            _maximum_of_short_rows(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
+            _maxima_of_turned_rows(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
         else:
             start, stop = after * chunk // chunks, after * (chunk + 1) // chunks
             for node in range(nodes):

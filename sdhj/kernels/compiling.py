@@ -72,17 +72,10 @@ LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for n
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for other processes.
 
-    least : with parallel=True, how many entries the largest array must have for loops to be shared out to threads.
-
-    Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
-    constant of another file, and with damaged code. Here kept code belongs to all sources of this folder (`sources`),
-    and to the function's own file where that lies elsewhere; code of other versions lies beside it. Kernels import
-    nothing from outside the folder. Where no folder can be written, the kernel is compiled in every process, which is
-    said once.
+    With parallel=True, loops are shared out to threads if the largest array has `least` entries.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """The function as a dispatcher of Numba whose code is kept on disk; with parallel=True a `Shared`."""
         whole = {"pipeline_class": Whole, **options} if LINKED else options
         try:
             dispatcher: Any = njit(cache=True, **whole)(function)
@@ -94,6 +87,8 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
             dispatcher.within = njit(**WITHIN, **{name: x for name, x in options.items() if name != "nogil"})(function)  # type: ignore[attr-defined]
         # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
         found: Any = getattr(dispatcher, "_cache", None)
+        # Numba's own cache watches one file, and would run on with an old helper of another,
+        # and with damaged code. Here kept code belongs to all `sources`.
         if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
             found._cache_file = code = MachineCode(found._cache_file, function.__code__.co_filename)
             found._guard_against_spurious_io_errors = _cache_is_optional
@@ -104,27 +99,19 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
 
 
 class Kernel(CPUDispatcher):
-    """A dispatcher of Numba for calls from Python; compiled code that calls it calls its attribute `within` instead.
-
-    `within` is the same function, compiled only as a part of its callers.
-    """
+    """A dispatcher of Numba for calls from Python; compiled code calls `within` instead, as a part of itself."""
 
     within: Any = None  # of a copy in another process
 
     @property
     def _numba_type_(self) -> Any:
-        """The type that the dispatcher has for Numba in compiled code: that of `within`."""
         return types.Dispatcher(self.within or self)
 
 
 class Whole(Compiler):
-    """Numba's compiler for a function that Python calls: it is optimised once, with all that it calls.
-
-    What it calls is `Linked` with it.
-    """
+    """Numba's compiler for a function that Python calls: optimised once, with all that it calls, which is `Linked`."""
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile the function `func` and all that it calls as one library; returns Numba's result."""
         codegen = self.state.targetctx.codegen()
         self.state.library = codegen.create_library(func.__qualname__)
         self.state.library.enable_object_caching()
@@ -141,15 +128,14 @@ class Whole(Compiler):
 class Linked(JITCodeLibrary):
     """Numba's library of a function that is called by what is being compiled: no machine code is made of it by itself.
 
-    Unless Python can call the function, too, as it was compiled by `numba.njit` elsewhere: then the library is the
-    `whole` one and made as ever. LLVM's passes over one function at a time stay: without them loops that are linked are
-    not vectorised, and a union takes half as long again.
+    Unless Python can call the function, too, as `numba.njit` compiled it elsewhere: that library is `whole`, made as
+    ever. LLVM's passes over one function at a time stay: without them loops that are linked are not vectorised, and a
+    union takes half as long again.
     """
 
     whole = False
 
     def _optimize_final_module(self) -> None:
-        """Optimise the library if it is the `whole` one; do nothing for a part."""
         if self.whole:
             super()._optimize_final_module()
 
@@ -162,10 +148,9 @@ class Linked(JITCodeLibrary):
             self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """The address of a function in machine code, by its name; 0 for a part, which has none.
+        """The address of a function in machine code; 0 for a part, which has none.
 
-        The first call, by Numba before the library is finished, sets `whole`: whether the name, that of a wrapper for
-        Python, is defined here.
+        The first call, before the library is finished, sets `whole`: whether a wrapper for Python is defined here.
         """
         if not self._finalized:
             defined = (function.name for function in self._final_module.functions if not function.is_declaration)
@@ -178,21 +163,17 @@ class Linked(JITCodeLibrary):
         return self._codegen if self.whole else self
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Do nothing, in place of the code generator: a part has no machine code whose environment could be set.
-
-        `Whole` sets it where there is machine code.
-        """
+        """A part has no machine code whose environment could be set; `Whole` sets it."""
 
 
 class MachineCode:
     """Compiled versions of a function on disk, a file for each: a digest, and then the key and the code.
 
-    It stands in for the object of Numba's cache that reads and writes files, and has the methods that Numba calls:
-    `load`, `save`, `flush`. Of Numba's own files, damaged code ends the process, and a damaged index every later one.
+    It stands in for the object of Numba's cache that has `load`, `save` and `flush`. Of Numba's own files, damaged code
+    ends the process, and a damaged index every later one.
     """
 
     def __init__(self, files: Any, source: str) -> None:
-        """Keep code of a kernel in the file `source` in place of Numba's `files`, stamped with what it belongs to."""
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
         inside = Path(__file__).parent in Path(source).parents
         # of a file elsewhere Numba's stamp, too: the time at which it was changed last
@@ -200,14 +181,11 @@ class MachineCode:
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
-        """The path of the file of the code for a key, Numba's signature and target; named by a digest.
-
-        The digest is of the key and the stamp.
-        """
+        """The file of the code for a key, Numba's signature and target, named by a digest of it and the stamp."""
         return Path(f"{self.start}.{blake2b(self.stamp + repr(key).encode(), digest_size=16).hexdigest()}.code")
 
     def load(self, key: Any) -> Any:
-        """The code that is kept under a key; None where there is none or it is damaged. Marks its file as used now."""
+        """The code kept under a key, whose file now counts as used; None where there is none or it is damaged."""
         path = self._path(key)
         try:
             whole = path.read_bytes()
@@ -221,10 +199,7 @@ class MachineCode:
         return data if kept == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the code `data` under a key, in a file that appears whole or not at all; OSError where it cannot.
-
-        Then removes files of the folder that were not used for long, once in a process.
-        """
+        """Keep the code `data` under a key, in a file that appears whole or not at all; OSError where it cannot."""
         path, code = self._path(key), self.dump((key, data))
         temporary = path.with_suffix(f".{uuid.uuid4().hex}.code")
         try:
@@ -237,13 +212,11 @@ class MachineCode:
     def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """A dispatcher's method `compile_it`, made to run in one process at a time for each signature.
 
-        Other processes wait meanwhile, and then find the code that was kept. Locks are taken in the order in which
-        functions call one another, so no two processes wait for each other, and the system frees those of a process
-        that has ended.
+        Locks are taken in the order in which functions call one another, so no two processes wait for each other, and
+        the system frees those of a process that has ended.
         """
 
         def compiled(signature: Any) -> Any:
-            """Compile a signature, or read its code; other processes and threads wait meanwhile."""
             path = self._path(signature).with_suffix(".lock")
             with global_compiler_lock, _locked(path):  # Numba's keeps other threads out
                 return compile_it(signature)
@@ -278,7 +251,7 @@ def _cache_is_optional() -> Iterator[None]:
 
 @cache
 def _say_uncached(why: str) -> None:
-    """Warn that compiled code is not kept on disk, and `why`; only the first time in a process, whatever the reason."""
+    """Warn that compiled code is not kept on disk, and `why`, the first time in a process."""
     if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
         warnings.warn(
             f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
@@ -300,20 +273,15 @@ class Shared:
     looked, free = -GLANCE, (1, 1)  # when `free_cores` has looked last, and what it has found then and before
 
     def __init__(self, dispatcher: Any, least: int = 0) -> None:
-        """Share out the loops of a compiled `dispatcher`, where its largest array has at least `least` entries."""
         self.dispatcher, self.least = dispatcher, least
 
     def __getattr__(self, name: str) -> Any:
-        """The attribute of that name of the compiled function; AttributeError for special names."""
         if name.startswith("__"):  # which copies ask of one that is still empty
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the function on as many threads as cores are free, on one if its arrays are small; its result.
-
-        Waits while another `Shared` runs. RuntimeError in a process that was forked off one with threads.
-        """
+        """Call the function on as many threads as cores are free, on one if its arrays are small."""
         if Shared.lost:
             raise RuntimeError(
                 "this process was forked off one in which sdhj had started threads, which OpenMP does not survive; "
@@ -336,18 +304,18 @@ def free_cores() -> int:
     """How many cores no other program keeps busy, at least one; all cores where that cannot be seen.
 
     A loop that is shared out ends with its slowest thread, and a thread that has to share its core is slow: beside a
-    busy program a solve by two threads on two cores took 1.4 to 1.7 times as long as by one. A core counts as busy only
-    at two looks in a row, which are `GLANCE` seconds apart at least. Only Linux tells how many processes run, and not
-    on which cores: a process that may use some cores only counts all of them as free.
+    busy program a solve by two threads on two cores took 1.4 to 1.7 times as long as by one.
     """
     cores, now = os.cpu_count() or 1, time.monotonic()
     if now - Shared.looked >= GLANCE:
         free = cores
         with suppress(OSError, ValueError, IndexError, AttributeError):
+            # Linux tells how many processes run, but not on which cores
             if len(os.sched_getaffinity(0)) == cores:
                 busy = int((PROC / "loadavg").read_text().split()[3].split("/")[0])
                 states = [one.read_text().rpartition(")")[2].split()[0] for one in PROC.glob("self/task/*/stat")]
                 free = max(1, cores - max(0, busy - states.count("R")))
+        # a core counts as busy only at two looks in a row
         Shared.looked, Shared.free = now, (free, Shared.free[0])
     return max(Shared.free)
 
@@ -369,13 +337,11 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     The function may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are
     unrolled, when compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
-    options : as for `kernel`.
     """
 
     inside: Any = {"forceinline": True, **WITHIN, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """Register the function for inlining, and return it unchanged."""
         overload(function, strict=False, jit_options=inside)(lambda *types: function)
         return function
 
@@ -383,19 +349,17 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
-    """Make a function for kernels that calls one of the `inlined` functions {name: function} of a table.
+    """A function for kernels that calls one of the `inlined` functions of a table, decided when the kernel is compiled.
 
-    Which one is decided when the kernel is compiled. Its first argument is `choice(table, name)`, a tuple whose length
-    says which; the others are handed on. The table is read once: what is added to it later is not seen.
+    Its first argument is `choice(table, name)`, a tuple whose length says which; the others are handed on. The table is
+    read once: what is added to it later is not seen.
     """
     functions = tuple(table.values())
 
     def call(place: tuple[int, ...], *arguments: Any) -> Any:
-        """Call the chosen function, functions[len(place)], with the other arguments; returns its result."""
         return functions[len(place)](*arguments)
 
     def compiled(place: Any, *types_of_others: Any) -> Callable[..., Any]:
-        """The implementation of `call` for the compiler, which knows the length of `place` from its type."""
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
@@ -405,16 +369,13 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
 
 
 def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
-    """The first argument of a `chosen` function for the entry `name` of its table: a zero for each earlier entry.
-
-    ValueError if the table has no such entry.
-    """
+    """The first argument of a `chosen` function for an entry of its table: a zero for each earlier entry."""
     return (0,) * list(table).index(name)
 
 
 @cache
 def sources() -> str:
-    """A digest, in hexadecimal, of all source files of this folder: an edit of one compiles all kernels anew."""
+    """A digest of all source files of this folder: an edit of one compiles all kernels anew."""
     folder, digest = Path(__file__).parent, blake2b(digest_size=16)
     for file in sorted(folder.rglob("*.py")):
         text = file.read_bytes()
@@ -437,33 +398,28 @@ class _Announcer(Listener):
     said = False
 
     def on_start(self, event: Any) -> None:
-        """Write `LINE` to standard error, the first time that the function compiled is of this package."""
         function = event.data["dispatcher"].py_func
         if not self.said and function.__module__.startswith("sdhj."):
             self.said = True
             tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
 
     def on_end(self, event: Any) -> None:
-        """Do nothing: Numba's listeners must have this method."""
+        """Numba's listeners must have this method."""
         pass
 
 
 def hidden(progress: bool | None) -> bool:
-    """Whether nothing is to be shown while work goes on, as `progress` says, or standard error where it is None.
-
-    progress : as for `sdhj.solve`; None: it is shown where standard error is a terminal. A program without a console,
-        or with that descriptor closed, has no standard error, which tqdm does not survive: then True.
-    """
+    """Whether nothing is to be shown while work goes on: as `progress` says; for None, without a terminal."""
     stream: Any = sys.stderr
+    # a program without a console has none, which tqdm does not survive
     return stream is None or not (stream.isatty() if progress is None else progress)
 
 
 @contextmanager
 def announced(progress: bool | None = None) -> Iterator[None]:
-    """A context that says once on standard error that kernels are compiled, should any be; says nothing within another.
+    """A context that says once on standard error that kernels are compiled, should any be, unless `progress` is False.
 
-    progress : False, to say nothing. Unlike a bar it is also said where standard error is no terminal, but for cells of
-        notebooks, which would keep it.
+    Unlike a bar it is also said where standard error is no terminal, but for cells of notebooks, which would keep it.
     """
     in_cell = type(sys.stderr).__module__.startswith("ipykernel")
     if _listening or in_cell or hidden(progress is not False):  # what is around it says it already

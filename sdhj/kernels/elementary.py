@@ -45,8 +45,7 @@ _inlined = inlined(error_model="numpy")
 def _reduced(x):
     """x less whole quarter turns: (r, bits), r in [-pi/4, pi/4], bits an int64 whose last bits count these turns.
 
-    r is NaN for more than TURNS quarter turns. Each difference is exact or of the size of its larger operand, so the
-    relative error stays small at zeros, too.
+    Each difference is exact or of the size of its larger operand, so the relative error stays small at zeros, too.
     """
     bits = x * QUARTERS + ROUND
     k = bits - ROUND
@@ -78,10 +77,7 @@ def _cosine(r):
 
 @_inlined
 def sine(x, quarter_turns):
-    """sin(x + quarter_turns * pi/2), quarter_turns a whole number: the sine for 0, the cosine for 1.
-
-    NaN where |x| is more than TURNS quarter turns.
-    """
+    """sin(x + quarter_turns pi/2), quarter_turns whole: the sine for 0, the cosine for 1. NaN beyond TURNS."""
     r, quarter = _reduced(x)
     quarter += quarter_turns
     value = _cosine(r) if quarter & 1 else _sine(r)
@@ -90,7 +86,7 @@ def sine(x, quarter_turns):
 
 @_inlined
 def tan(x):
-    """tan(x): sin(r) / cos(r), or -cos(r) / sin(r) in odd quarter turns, for r of `_reduced`. NaN beyond TURNS."""
+    """sin(r) / cos(r), or -cos(r) / sin(r) in odd quarter turns, for r of `_reduced`. NaN beyond TURNS."""
     r, quarter = _reduced(x)
     s, c = _sine(r), _cosine(r)
     return (-c if quarter & 1 else s) / (s if quarter & 1 else c)
@@ -104,10 +100,7 @@ def _power_of_two(exponent):
 
 @_inlined
 def _exp(x, low):
-    """exp(x + low), where |low| is at most about a unit in the last place of x: 2^k e^r, e^r by a Taylor polynomial.
-
-    NaN for NaN, 0 far below 0, infinity where it overflows.
-    """
+    """exp(x + low), |low| at most about a unit in the last place of x: 2^k e^r, e^r by a Taylor polynomial."""
     x = -750.0 if x < -750.0 else x
     x = 710.0 if x > 710.0 else x  # infinite in the end
     bits = x * LOG2E + ROUND
@@ -140,7 +133,7 @@ def _split(x):
 
 @_inlined
 def log(x):
-    """The natural logarithm: k ln 2 + log(1 + f), by fdlibm's polynomial in s = f / (2 + f). NaN for x <= 0."""
+    """k ln 2 + log(1 + f), by fdlibm's polynomial in s = f / (2 + f). NaN for x <= 0."""
     k, f = _split(x)
     s = f / (2.0 + f)
     z = s * s
@@ -167,8 +160,7 @@ def _product(a, b):
 def _long_log(x):
     """(high, low): log(x) as the sum of two floats, to 62 bits, for x > 0 and finite.
 
-    2 artanh(s) with s = f / (2 + f) as two floats; of the series 2 (s + s^3/3 + s^5/5 ...) the first two terms are,
-    too.
+    2 artanh(s), s = f / (2 + f) as two floats; so are the first two terms of the series 2 (s + s^3/3 + s^5/5 ...).
     """
     k, f = _split(x)
     t = 1.0 + (1.0 + f)
@@ -236,10 +228,7 @@ def arctan(x):
 
 @_inlined
 def arctan2(y, x):
-    """The angle of the point (x, y), from -pi to pi; y is the first argument.
-
-    The sign of a zero counts as in NumPy: +-0 or +-pi at the origin, and +-pi for y = +-0 and x < 0.
-    """
+    """The angle of the point (x, y), from -pi to pi; the sign of a zero counts as in NumPy."""
     high, low = _artan(abs(y), abs(x))
     origin = (y == 0.0) & (x == 0.0)
     high, low = 0.0 if origin else high, 0.0 if origin else low

@@ -15,11 +15,7 @@ FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it i
 class Lattice(NamedTuple):
     """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, named as in `Grid` where it has them.
 
-    What is looked up may be stored at some of the nodes only, along each axis at `extent` nodes from the node `first`
-    on (`Window`).
-
-    least, most : coordinates past which a state is lost, through an unsafe end; infinite where there is none.
-    safe_ends (2 ndim,) : coordinates past which a state is out of danger, lower ends, then upper ones.
+    What is looked up may be stored at some nodes only, along each axis at `extent` nodes from the node `first`.
     """
 
     lower: Any
@@ -35,10 +31,7 @@ class Lattice(NamedTuple):
 
 @kernel()
 def periodic_index(node, count):
-    """node modulo count: which of the `count` nodes of a periodic axis it is, which may be whole turns away.
-
-    A division is made only where it is: it costs as much as all the rest.
-    """
+    """node modulo count. A division is made only where it is needed: it costs as much as all the rest."""
     return node if 0 <= node < count else node % count
 
 
@@ -46,8 +39,7 @@ def periodic_index(node, count):
 def locate(coordinate, axis, lattice):
     """(left, share): the node at or left of a coordinate along an axis of the lattice, and the weight of the next node.
 
-    Beyond an end of a bounded axis, those of the end. Nodes of a periodic axis may lie beyond its ends: they are to be
-    taken modulo its shape.
+    Beyond an end of a bounded axis, those of the end. Nodes of a periodic axis are to be taken modulo its shape.
     """
     position = (coordinate - lattice.lower[axis]) / lattice.spacing[axis]
     if lattice.periodic[axis]:
@@ -72,12 +64,9 @@ def on_grid(point, lattice):
 
 @kernel()
 def nodes_around(point, axes, lattice, tiny, index, weight):
-    """Write the flat indices and the weights of the nodes around a point (ndim,); returns how many nodes these are.
+    """Write flat indices and weights of the nodes around a point (ndim,) on a subgrid (`axes`); returns how many nodes.
 
-    On the subgrid of `axes` of the lattice. Nodes of no weight are left out; a weight below `tiny` is taken for
-    rounding, and the point for one on the other node.
-
-    index, weight (2^len(axes),) : overwritten.
+    index, weight (2^len(axes),) : overwritten. A weight below `tiny` is rounding: the point is on the other node.
     """
     index[0] = 0
     weight[0] = 1.0
@@ -107,10 +96,7 @@ def nodes_around(point, axes, lattice, tiny, index, weight):
 
 @kernel()
 def weighted(values, row, index, weight, count):
-    """The interpolated value of one row of values (rows, size): the sum of weight[c] * values[row, index[c]].
-
-    index, weight, count : the nodes around a point, of `nodes_around`; c goes over the first `count`.
-    """
+    """The sum of weight[c] * values[row, index[c]] over c < count, of `nodes_around`; values (rows, size)."""
     total = 0.0
     for c in range(count):
         total += weight[c] * values[row, index[c]]
@@ -119,10 +105,7 @@ def weighted(values, row, index, weight, count):
 
 @kernel(parallel=True)
 def interpolate(values, points, lattice):
-    """Multilinear interpolation of grid values (1, size), flat, at points (M, ndim): (M,) float64.
-
-    `OUTSIDE` off the grid. lattice : the grid's `Lattice`.
-    """
+    """Grid values (1, size), flat, interpolated at points (M, ndim): (M,) float64; `OUTSIDE` off the grid."""
     count, ndim = points.shape
     out = np.empty(count)
     chunk = 1024  # one pair of scratch rows for each chunk of points
@@ -150,10 +133,7 @@ def into_period(x, lower, upper):
 
 @kernel(nogil=True)
 def wrap(points, lower, upper, periodic):
-    """Move the coordinates of points (M, ndim) on periodic axes by whole turns into [lower, upper), in place.
-
-    lower, upper, periodic : (ndim,).
-    """
+    """Move points (M, ndim) on periodic axes by whole turns into [lower, upper), in place."""
     for m in range(points.shape[0]):
         for axis in range(points.shape[1]):
             if periodic[axis]:

@@ -53,10 +53,7 @@ def hull(p, q, r, s):
 
 @_inlined
 def widened(low, high, share, tiny, zero):
-    """(low, high), both ends moved outward: by `share` of their size and by `tiny` more.
-
-    An end that is 0 is moved by `zero` instead of `tiny`.
-    """
+    """(low, high) moved outward by `share` of their size and `tiny` more; an end that is 0, by `zero` instead."""
     less, more = zero if low == 0.0 else tiny, zero if high == 0.0 else tiny
     return low - (abs(low) * share + less), high + (abs(high) * share + more)
 
@@ -65,9 +62,8 @@ def widened(low, high, share, tiny, zero):
 def summed(a, b, c, d):
     """(low, high): the sums a + b and c + d, each moved outward only where it is not already beyond the exact sum.
 
-    What rounding took away is a number, and its sign is known (Knuth's sum of two). So a sum that is exact stays, and
-    where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may be 9.5, the end is still in the
-    set.
+    So a sum that is exact stays, and where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may
+    be 9.5, the end is still in the set.
     """
     low, high = a + b, c + d
     rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)
@@ -77,18 +73,14 @@ def summed(a, b, c, d):
 
 @_inlined
 def left_over(a, b, total):
-    """a + b - total, the rounding error of the rounded sum `total`, exactly; NaN where numbers are too large."""
+    """a + b - total, the rounding error of a sum, exactly (Knuth's sum of two); NaN where numbers are too large."""
     second = total - a
     return (a - (total - second)) + (b - second)
 
 
 @_inlined
 def outward_within_sign(low, high, negative, positive):
-    """(low, high), the ends of products or quotients, moved outward by a unit in the last place, but not across 0.
-
-    negative, positive : whether some of the products may be < 0, or > 0. If none is negative, low is at least 0; if
-        none is positive, high is at most 0.
-    """
+    """(low, high) of products or quotients, moved outward, but not across 0 if none is negative, or positive."""
     low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)
     return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)
 
@@ -103,10 +95,7 @@ def mul(a, b, c, d):
 
 @_inlined
 def div(a, b, c, d):
-    """(low, high) of [a, b] / [c, d]: the hull of the quotients of the ends, rounded outward.
-
-    low is NaN where [c, d] holds 0.
-    """
+    """(low, high) of [a, b] / [c, d]: the hull of the ends' quotients, outward; low is NaN for 0 in [c, d]."""
     above, below = c > 0.0, d < 0.0
     low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below
@@ -123,10 +112,9 @@ def _holds_whole(low, high):
 
 @_inlined
 def wave(low, high, p, q, shift):
-    """(low, high) of sin or cos over [low, high], rad: p or q, or -1 and 1 where an extreme lies within.
+    """(low, high) of sin or cos over [low, high]: p or q, its values there, or -1 and 1 where an extreme lies within.
 
-    p, q : its values at both ends. shift : where a maximum is, in turns; minima are half a turn away. NaN where an end
-        is too large.
+    shift : where a maximum is, in turns; minima are half a turn away.
     """
     low, high = low * TURN - shift, high * TURN - shift
     most = 1.0 if _holds_whole(low, high) else larger(p, q)
@@ -136,7 +124,7 @@ def wave(low, high, p, q, shift):
 
 @_inlined
 def tan(low, high, least):
-    """The lower end of tan over [low, high], rad: `least`, the value at `low`; NaN where a pole may lie within."""
+    """The lower end of tan over [low, high]: `least`, the value at `low`; NaN where a pole may lie within."""
     return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least
 
 
@@ -144,10 +132,9 @@ def tan(low, high, least):
 def mod(a, b, c, d, p, q):
     """(low, high) of mod over operands in [a, b] and divisors in [c, d], from p = mod(a, c) and q = mod(b, d).
 
-    NaN where the divisor may be 0, or laps exceed LAPS. Where the function rises from p to q, the ends are these,
-    rounded outward; else 0 and the divisor. It rises with its first operand for a constant divisor, where no lap ends.
-    A lap that ends between a and b, less than one lap apart, leaves q below p.
+    Where it rises from p to q, these, rounded outward, else 0 and the divisor; NaN where that may be 0, or beyond LAPS.
     """
+    # for a constant divisor, where no lap ends: one that ends between a and b leaves q below p
     rises = (c == d) & ((b - a < abs(c)) & (p < q) | (a == b))
     low, high = lesser(c, 0.0), larger(d, 0.0)
     p, q = p - (abs(p) * STEP + TINY), q + (abs(q) * STEP + TINY)

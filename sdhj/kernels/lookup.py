@@ -36,17 +36,14 @@ from sdhj.kernels.tubes import (
 
 @kernel(**UNCOUNTED)
 def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, stored_tubes, lattice, room, out):
-    """Do the look at the true sets for some states, and undo in `out` what they refute; False where one is undefined.
-
-    The sets are played as tapes. With `TRUE_SETS_TOO`, avoid tubes are looked up for a state of which no input is safe
-    any longer. The arguments are those of `_answer`, the grid's `Lattice` beside them.
-    """
+    """Look at the true sets for some states, and undo in `out` what they refute; False where one is undefined."""
     samples, times = room.samples, part(ints, floats, CHECK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, ints, floats, leads, out, samples)
     while waiting > 0:
         if not evaluate(waiting, rows, ints, floats, times, out, samples, room.work):
             return False
         waiting = judge(waiting, rows, checks, times.size, out, samples)
+        # avoid tubes, for a state of which no input is safe any longer
         for k in range(waiting if checks == TRUE_SETS_TOO else 0):
             r, some = samples.queue[0, k], False
             for j in range(out.safe.shape[1]):
@@ -59,15 +56,10 @@ def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, st
 
 @kernel(**UNCOUNTED)
 def _write_displacement_sets(begin, rows, states, ints, floats, ends, near, boxes, at, hulls, work):
-    """Write what inputs lead to from the states rows[begin:] to `near`, and the hulls of their boxes to `hulls`.
+    """Write what inputs lead to from states to `near` (4 + K, L, ndim, R), and hulls of their boxes to `hulls`.
 
-    By the tape for it, or from `ends`. Returns how many nodes a hull may touch at most, -1 where formulas are
-    undefined.
-
-    rows : the numbers of the states at hand. begin : how many were done before, the column of the first in `ends`.
-    ints, floats : what is `packed` of the problem. ends : of `Leads`.
-    near (4 + K, L, ndim, R) : what inputs lead to, which may be `ends` if these are one for all. boxes : the leading
-        terms of it that make hulls. at (R, ndim) : overwritten. hulls (R, 2, ndim). work : a `Work`, overwritten.
+    Returns how many nodes a hull may touch at most, -1 where formulas are undefined. By the tape for it, or from the
+    columns of `ends` from `begin` on. boxes : the leading terms of `near` that make hulls. at (R, ndim) : overwritten.
     """
     ndim, most = states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -102,7 +94,7 @@ class Room(NamedTuple):
 def _answer(rows, states, step, within, checks, ints, floats, stored_tubes, leads, room, out):
     """Write to `out` the answers for the states with numbers `rows`; returns False where formulas are undefined.
 
-    Column r of leads.ends is that of states[rows[r]]. room : a `Room`. The other arguments are those of `decide`.
+    Column r of leads.ends is that of states[rows[r]].
     """
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
     ends, normals, scratch = leads.ends, leads.normals, room.scratch
@@ -121,30 +113,16 @@ def decide(
 ):  # fmt: skip
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
-    Parameters
-    ----------
+    Returns whether all formulas have values wherever they were evaluated; else what is written is worthless.
 
-    rows : (R,) int64
-        Which states, in the order in which they are looked up: neighbours share what the cache holds.
-    step, within : int
-        k; and inputs are judged by the tube of the fewest steps to go, but by that of `within` steps, at least 1, where
-        this is more.
-    checks : int
-        `TUBES`, the tubes alone; `TRUE_SETS_TOO`, then the look at the true sets; or `TRUE_SETS_ONLY`, that look alone,
-        which begins with what is in to_go, safe, margins and best.
-    ints, floats : arrays
-        What is `packed` of the problem at this step (`sdhj.kernels.tubes` says what).
-    steps, index, tubes, marks, static, moving
-        N, and arrays as in `StoredTubes`.
-    ends, scores, normals
-        As in `Leads`. Where ints and floats have a tape for what inputs lead to, it is played, and `ends` is not read.
-    to_go, safe, margins, best
-        As in `Answers`: written in place for the given rows.
-
-    Returns
-    -------
-    bool
-        Whether all formulas have values wherever they were evaluated; else what is written is worthless.
+    rows (R,) : which states, in the order in which they are looked up: neighbours share what the cache holds.
+    step, within : k; and inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, if more.
+    checks : `TUBES`, `TRUE_SETS_TOO`, or `TRUE_SETS_ONLY`, which begins with what is in to_go, safe, margins and best.
+    ints, floats : what is `packed` of the problem at this step (`sdhj.kernels.tubes`). If it has a tape for what inputs
+        lead to, that is played, and `ends` not read.
+    steps, index, tubes, marks, static, moving : as in `StoredTubes`.
+    ends, scores, normals : as in `Leads`.
+    to_go, safe, margins, best : `Answers`, written in place for the given rows.
     """
     inputs, ndim, slots, out = safe.shape[1], states.shape[1], 1, Answers(to_go, safe, margins, best)
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))

@@ -21,24 +21,21 @@ BIT = np.uint64(1)
 
 
 class Cells(NamedTuple):
-    """The cells of every axis as arrays of shape (ndim,), and how they are packed into blocks.
+    """The cells of every axis as arrays of shape (ndim,), and how they are packed into blocks."""
 
-    lower, width, length : where the first cell begins, how wide a cell is, and how long all cells are together, in the
-        axis's unit.
-    counts, periodic : how many cells an axis has, and whether it is periodic.
-    layers : (2, ndim) int64, 1 where the first, or the last, cell is a layer, which lies outside the axis and stands
-        for the wall at its end.
-    wall_known : if True, a point is in a layer only if it lies behind the wall by half a shell, which says that the
-        state is known to be at the wall; if False, a state at the wall is.
-    """
-
+    # where the first cell begins, how wide a cell is, how long all are together, in the axis's unit
     lower: FloatArray
     width: FloatArray
     length: FloatArray
+    # (2, ndim) int64: 1 where the first, or the last, cell is a layer, which lies outside the axis and stands for the
+    # wall at its end
     layers: FloatArray
+    # how many cells an axis has, and whether it is periodic
     counts: FloatArray
     periodic: FloatArray
     rows: int  # leading axes that number the blocks; the others are packed
+    # a point is in a layer only behind the wall by half a shell, which says that the state is known to be there; else a
+    # state at the wall is
     wall_known: bool = False
 
 
@@ -59,16 +56,12 @@ def to_bits(blocks: FloatArray, count: int) -> FloatArray:
 
 @kernel(inline="always")
 def has_bit(block, bit):
-    """Whether bit number `bit` of a block (W,) uint64 is set."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & BIT != 0
 
 
 @kernel(inline="always")
 def bits_between(word, start, stop):
-    """A mask for word number `word` of a block: its bits that are among the bits start to stop - 1 of the block.
-
-    The word must be one that holds some of these.
-    """
+    """The bits start to stop - 1 of a block as a mask for one word of it, which must hold some of them."""
     bits = FULL
     if word == start >> 6:
         bits &= FULL << np.uint64(start & 63)
@@ -79,14 +72,14 @@ def bits_between(word, start, stop):
 
 @kernel(inline="always")
 def set_bits(block, start, stop):
-    """Set the bits start to stop - 1 of a block (W,) uint64, in place; start < stop, both within the block."""
+    """Set the bits start to stop - 1 of a block (W,), in place; start < stop, both within the block."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         block[word] |= bits_between(word, start, stop)
 
 
 @kernel(inline="always")
 def has_bits(block, start, stop):
-    """Whether the bits start to stop - 1 of a block (W,) uint64 are all set; start < stop, both within the block."""
+    """Whether the bits start to stop - 1 of a block (W,) are all set; start < stop, both within the block."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         if ~block[word] & bits_between(word, start, stop) != 0:
             return False
@@ -95,10 +88,7 @@ def has_bits(block, start, stop):
 
 @kernel(inline="always")
 def shifted_word(block, word, shift):
-    """Word number `word` of a block (W,) moved by `shift` bits: its bit b is the block's bit 64 word + b + shift.
-
-    0 beyond the ends of the block; the shift may be negative.
-    """
+    """Bit b of the word is the block's bit 64 word + b + shift, of either sign; 0 beyond the ends of the block (W,)."""
     source, bit = (word * 64 + shift) >> 6, shift & 63  # floor, also for negative numbers
     shown = np.uint64(0)
     if 0 <= source < block.size:
@@ -113,7 +103,7 @@ def shifted_word(block, word, shift):
 
 @kernel(inline="always")
 def transpose_word_block(block):
-    """Transpose 64 words as a matrix of bits: bit b of word a becomes bit a of word b. In place.
+    """Transpose 64 words as a matrix of bits, in place: bit b of word a becomes bit a of word b.
 
     By quarters, of halves, of quarters and so on (Warren, Hacker's Delight, Sec. 7-3).
     """
@@ -151,12 +141,10 @@ def swap_packed(sets, first, middle, last, out):
 
 @kernel(parallel=True)
 def erode_packed(cells, shifts, passes):
-    """Erode sets by packed axes: a bit of a block stays if the bits at all shifts from it are set, axis after axis.
+    """A bit of cells (R, W), in place, stays if the bits at all shifts from it are set, axis after axis.
 
-    cells (R, W) uint64 : modified in place.
-    shifts (A, K) int64 : for each of A packed axes how many bits away the neighbours are that are needed; 0 is skipped.
-    passes (A, K, W) uint64 : the bits that do not need this neighbour, as it lies beyond a wall or their image. Beyond
-        the ends of a block bits count as not set.
+    shifts (A, K) : how many bits away the neighbours along each of A packed axes are; 0 is skipped. passes (A, K, W) :
+        the bits that need no such neighbour. Beyond the ends of a block bits count as not set.
     """
     rows, words = cells.shape
     for row in prange(rows):
@@ -171,10 +159,7 @@ def erode_packed(cells, shifts, passes):
 
 @kernel(parallel=True)
 def erode_rows(cells, first, number, out):
-    """out[i] = the AND of cells[(first[i] + c) % n] over c < number[i]; cells, out (n, W) uint64, out overwritten.
-
-    first, number (n,) : which rows the i-th needs; number is at least 1.
-    """
+    """out[i] = the AND of cells[(first[i] + c) % n] over c < number[i], at least 1; (n, W), out in place."""
     n, words = cells.shape
     for row in prange(n):
         i, k = np.int64(row), first[row]
@@ -190,7 +175,7 @@ def erode_rows(cells, first, number, out):
 def add_certified(cells, first, number, allowed, clear, out):
     """out[a, i] |= clear[a, i] & (the AND of cells[a, (first[i] + c) % n] over c < number[i]), where allowed[a, i].
 
-    cells, clear, out (A, n, W) uint64, `out` modified in place; first, number (n,) int64; allowed (A, n) bool.
+    cells, clear, out (A, n, W), `out` in place; first, number (n,); allowed (A, n).
     """
     outer, n, words = cells.shape
     for a in prange(outer):
@@ -223,8 +208,7 @@ def add_certified(cells, first, number, allowed, clear, out):
 def cells_at(state, cells, slack, found):
     """Write to found (2^ndim, ndim) the cells within slack (ndim,) of a state (ndim,), each once; returns how many.
 
-    0 for a state that is off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away. `Cells.wall_known`
-    says which points are in a layer.
+    0 for a state that is off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away.
     """
     held = 1
     for axis in range(state.size):
@@ -275,10 +259,7 @@ def row_and_bit(cell, cells):
 
 @kernel(inline="always")
 def first_holding(cell, most, cells, index, pool):
-    """The number of the first of `most` nested sets that has a cell (ndim,); `most` where none has.
-
-    index (most, R), pool (B, W) : as for `fewest_steps`.
-    """
+    """The number of the first of `most` nested sets that has a cell (ndim,), `most` for none; as in `fewest_steps`."""
     row, bit = row_and_bit(cell, cells)
     least, first = 0, most  # bisection: the sets before `least` do not hold the cell, `first` may
     while least < first:
@@ -292,12 +273,9 @@ def first_holding(cell, most, cells, index, pool):
 
 @kernel(nogil=True)
 def fewest_steps(states, cells, slack, index, pool, out):
-    """out[m] = the number of the first of n nested sets with a cell within slack (ndim,) of states[m], n for none.
+    """out[m] = the number of the first of n nested sets with a cell within slack of states[m], n for none; in place.
 
-    states (M, ndim). out (M,) int64, overwritten.
-
-    index (n, R), pool (B, W) : the numbers of the blocks of each row of the sets, each set inside the next, and the
-        blocks.
+    index (n, R), pool (B, W) : the numbers of the blocks of each set's rows, each set inside the next, and the blocks.
     """
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
@@ -308,9 +286,8 @@ def fewest_steps(states, cells, slack, index, pool, out):
 
 @kernel(nogil=True)
 def boxes_in_set(first, last, cells, index, pool, out):
-    """Whether all, and whether any, of the cells from first[m] to last[m], included, are in a set: out (2, M) bool.
+    """out[0, m], out[1, m] = whether all, and any, of the cells from first[m] to last[m], included, are in a set.
 
-    first, last (M, ndim) : indices on the axes, first <= last. out is overwritten.
     index (R,), pool (B, W) : the numbers of the blocks of the set's rows, and the blocks.
     """
     for m in range(first.shape[0]):

@@ -15,10 +15,9 @@ from sdhj.kernels.compiling import kernel
 
 @kernel(nogil=True)
 def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosure):
-    """Write to `ends` where boxes are, start + moved, and to `enclosure` a guess of what they sweep in the next piece.
+    """ends = start + moved, and `enclosure` a guess of what boxes sweep in the next piece: both (2, M, ndim), in place.
 
-    All (2, M, ndim). The guess is the ends, moved outward by 1.2 times as much as in the piece `before`, and by the
-    shell. On shift-invariant axes both are `start`.
+    The ends, moved outward by 1.2 times as much as in the piece `before`, and the shell; start where shift-invariant.
     """
     for side in range(2):
         way = 2.0 * side - 1.0
@@ -36,14 +35,10 @@ def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosur
 
 @kernel(nogil=True)
 def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
-    """Write to `out` what boxes `ends` sweep in a time, and return whether all of it stays inside `enclosure`.
+    """out = the hull of `ends` and ends + h velocity, a quarter of the shell wider; returns whether in `enclosure`.
 
-    out = from the ends to ends + h velocity, and a quarter of the shell more on each side; along axes on which no
-    velocity depends (shift_invariant) it is the ends, and nothing is checked. If it stays strictly inside along all
-    others, the velocities, which hold in the enclosure, were right. False for NaN.
-
-    ends, velocity, enclosure, out : (2, M, ndim), lower and upper. h : the time, s. shift_invariant : (ndim,) bool.
-    shell : (ndim,), in the axes' units.
+    All (2, M, ndim). If it stays strictly inside, the velocities, which hold in the enclosure, were right; False for
+    NaN. Along shift-invariant axes it is the ends, and nothing is checked: no velocity depends on them.
     """
     inside = True
     for side in range(2):
@@ -61,10 +56,9 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
 
 @kernel(nogil=True)
 def narrow_to_face(ends, velocity, h, side, axis, shell, box):
-    """Narrow `box` along an axis to where the state that is first, or last, of all can be within h, s; in place.
+    """Narrow `box`, in place, along an axis to where the state that is first (side 0), or last (1), can be within h.
 
-    side : 0, the first, or 1, the last. The range is ends[side] + h [min(velocity, 0), max(velocity, 0)], and an eighth
-        of `shell`, a number, more.
+    ends[side] + h [min(velocity, 0), max(velocity, 0)], and an eighth of `shell`, a number, more.
     """
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
@@ -87,10 +81,7 @@ def move_on(moved, velocity, h):
 
 @kernel(nogil=True)
 def clip_to_walls(start, moved, shift_invariant, walls):
-    """Clip `moved` in place so that start + moved ends at walls, rounded outward; both (2, M, ndim).
-
-    walls (2, ndim) : lower and upper ones, infinite where there are none. Shift-invariant axes are left as they are.
-    """
+    """Clip `moved`, in place, so that start + moved ends at walls (2, ndim), outward; not on shift-invariant axes."""
     for side in range(2):
         for m in range(start.shape[1]):
             for k in range(shift_invariant.size):
@@ -120,11 +111,9 @@ def boxes_of_product(at, ends, sizes, out):
 
 @kernel(nogil=True)
 def cut_boxes(low, high, ends, periodic, out, rows):
-    """Cut boxes at the ends of bounded axes and where a periodic one closes; returns how many pieces there are.
+    """Cut boxes low, high (M, d) at ends (2, d) of bounded axes and where periodic ones close; returns how many.
 
-    low, high (M, d) : the boxes. ends (2, d), periodic (d,) : of the axes.
-    out (2, M * 2^p, d), rows (M * 2^p,) : overwritten with the pieces, those of a box one after the other, and with the
-        box that each is of, where p axes are periodic.
+    out (2, M * 2^p, d), rows (M * 2^p,) : overwritten with the pieces and with the box of each, for p periodic axes.
     """
     count = 0
     for m in range(low.shape[0]):

@@ -59,19 +59,13 @@ def _larger(a, b):
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
 @_inlined
 def first_order(c, left, right):
-    """(dx p-, dx p+), the first differences: phi_i - phi_{i-1} and phi_{i+1} - phi_i.
-
-    c : phi_i. left, right : the three values to its left, and to its right, the nearest first.
-    """
+    """(dx p-, dx p+), the first differences: phi_i - phi_{i-1} and phi_{i+1} - phi_i."""
     return c - left[0], right[0] - c
 
 
 @_inlined
 def second_order(c, left, right):
-    """(dx p-, dx p+): the first differences, each corrected by half the smaller of the second differences at its nodes.
-
-    c : phi_i. left, right : the three values to its left, and to its right, the nearest first; two of each are used.
-    """
+    """(dx p-, dx p+): first differences, corrected by half the smaller of the second differences at their nodes."""
     half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
     minus, plus = c - m1, p1 - c
     bend = plus - minus
@@ -82,10 +76,8 @@ def second_order(c, left, right):
 def third_order(c, left, right):
     """(dx p-, dx p+): slopes of parabolas, corrected by a third difference (ENO, Osher & Shu 1991).
 
-    The parabola is the one that bends less of two, through the node and two on one side or one on each. The correction
+    The parabola is the one that bends less of two, through the node and two on one side or one on each; the correction
     is by the smaller of two third differences.
-
-    c : phi_i. left, right : the three values to its left, and to its right, the nearest first.
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
@@ -104,11 +96,7 @@ def third_order(c, left, right):
 # Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
 @_inlined
 def godunov(minus, plus, low, high):
-    """Godunov's numerical Hamiltonian of one axis: max(low p, high p), each velocity with its upwind difference.
-
-    At least 0 where low < 0 < high, as standing still is allowed then. minus, plus : p- and p+. low, high : the least
-    and the greatest velocity.
-    """
+    """max(low p, high p), each velocity with its upwind difference; at least 0 where low < 0 < high: standing still."""
     zero = type(low)(0.0)
     best = _larger(low * (plus if low > zero else minus), high * (plus if high > zero else minus))
     return _larger(best, zero) if (low < zero) & (high > zero) else best
@@ -116,12 +104,7 @@ def godunov(minus, plus, low, high):
 
 @_inlined
 def lax_friedrichs(minus, plus, low, high):
-    """Lax-Friedrichs's numerical Hamiltonian of one axis: H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2.
-
-    H(p) = max(low p, high p); the dissipation is just enough.
-
-    minus, plus : p- and p+. low, high : the least and the greatest velocity.
-    """
+    """H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2, of H(p) = max(low p, high p): just enough dissipation."""
     half = type(low)(0.5)
     mean = half * (minus + plus)
     return _larger(low * mean, high * mean) + half * _larger(abs(low), abs(high)) * (plus - minus)
@@ -138,10 +121,6 @@ def _runs_of_axes(rest, near, start, first, velocities):
     """For each axis a tuple of where the three runs to its left and the three to its right begin, and its `_velocity`.
 
     Computed before the loop and kept in registers: for all the compiler knows, the loop may write to any array.
-
-    rest : a tuple with as many entries as axes are still to come.
-    near : `Layout.near` of the plane. start : where the run begins in the plane; first : where in the array.
-    velocities : as for `stage`, of one input.
     """
     if len(rest) == 0:
         return ()
@@ -155,13 +134,7 @@ def _runs_of_axes(rest, near, start, first, velocities):
 
 @_inlined
 def _velocity(velocities, axis, ndim, first):
-    """(low, high), the velocities of an axis divided by dx; or where they are in the box, and 1 / dx.
-
-    In the second case, of velocities that depend on the state, (i, k, 1 / dx): the places in the flat box of both
-    velocities at the node `first`.
-
-    ndim : the number of axes. velocities : as for `stage`, of one input.
-    """
+    """(low, high) of an axis over dx; of velocities that depend on the state, their places in the box, and 1 / dx."""
     box = velocities[0]
     if len(velocities) == 1:
         return box[axis], box[ndim + axis]
@@ -172,11 +145,7 @@ def _velocity(velocities, axis, ndim, first):
 
 @_inlined
 def _upwind(phi, axis, box, order, c, i):
-    """(p-, p+, low, high) of one axis at node i of a run, the last two being the lower and the upper velocity.
-
-    Where p-, p+ are differences that are not divided by dx, velocities are. phi : flat; c : its value at the node. axis
-    : the axis's entry of `_runs_of_axes`. box : the velocities, flat. order : a `choice` of differences.
-    """
+    """(p-, p+, low, high) of one axis (`_runs_of_axes`) at node i of a run, where phi is c."""
     (l1, l2, l3), (r1, r2, r3), velocity = axis
     left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
     return _scaled(*_differences(order, c, left, right), velocity, box, i)
@@ -184,11 +153,7 @@ def _upwind(phi, axis, box, order, c, i):
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
-    """(p-, p+, low, high) of an axis at node i: the differences times 1 / dx, unless velocities have it.
-
-    minus, plus : the differences, not divided by dx. velocity : of `_velocity`, which says where in the flat box low
-        and high are.
-    """
+    """(p-, p+, low, high) of an axis at node i: the differences times 1 / dx, unless the `_velocity` has it."""
     if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
     low, high, inverse = velocity
@@ -197,10 +162,7 @@ def _scaled(minus, plus, velocity, box, i):
 
 @_inlined
 def _sum_hamiltonians(axes, total, phi, box, order, flux, c, i):
-    """`total` plus the numerical Hamiltonians of axes at node i, where phi is c, added one after the other.
-
-    axes : the rest of what `_runs_of_axes` returns. box : the velocities, flat. order, flux : choices.
-    """
+    """`total` plus the numerical Hamiltonians of axes at node i, where phi is c, added one after the other."""
     if len(axes) == 0:
         return total
     total += _hamiltonian(flux, *_upwind(phi, axes[0], box, order, c, i))
@@ -209,11 +171,7 @@ def _sum_hamiltonians(axes, total, phi, box, order, flux, c, i):
 
 @_inlined
 def _dot(rest, total, p, field, at, stride, i):
-    """`total` plus the sum over axes of p[axis, i] * field[axis] at node i.
-
-    rest : a tuple with as many entries as axes are still to come. p (ndim, n) : mean differences.
-    field : flat; the first of its entries for these axes stands at `at`, each next one `stride` on.
-    """
+    """`total` plus the sum over axes of p[axis, i] field[at + axis stride + i]."""
     if len(rest) == 0:
         return total
     total += p[len(p) - len(rest), i] * field[at + i]
@@ -228,12 +186,7 @@ def _kept(keep, old):
 
 @kernel(**UNCOUNTED)
 def _advance_box(out, phi, here, count, axes, box, order, flux, dt, keep):
-    """One stage at `count` nodes from `here` on, in one loop and in place; all arrays are flat.
-
-    out = keep out + (1 - keep) (phi + dt H), H the sum of the axes' numerical Hamiltonians.
-
-    axes : of `_runs_of_axes`. box : the velocities. order, flux : choices.
-    """
+    """out = keep out + (1 - keep) (phi + dt H) at `count` nodes from `here` on, in place; flat arrays."""
     # Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
     for node in range(count):
@@ -246,11 +199,7 @@ def _advance_box(out, phi, here, count, axes, box, order, flux, dt, keep):
 
 @kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
-    """mean = (p- + p+) / 2 along one axis, and rhs += max(|low|, |high|) (p+ - p-) / 2, at the nodes from `here` on.
-
-    mean, rhs (count,) : written in place; what is added to rhs is the Lax-Friedrichs dissipation. phi : flat. axis :
-        the axis's entry of `_runs_of_axes`. box : the velocities, flat. order : a `choice` of differences.
-    """
+    """mean = (p- + p+) / 2 along one axis, and rhs += max(|low|, |high|) (p+ - p-) / 2, (count,) each, in place."""
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
         i = np.uint64(node)
@@ -270,8 +219,7 @@ def raise_to(out, bound):
 def _raise_to_mode(best, p, axes, drift, gain, first):
     """best = max(best, p . drift + sum_d |p . gain_d|) for one mode, at the nodes from `first` on, in place.
 
-    best (count,), p (ndim, count) : mean differences. drift (ndim, nodes), gain (ndim, D, nodes) : at all nodes, or of
-        one plane for all. axes : a tuple of ndim entries.
+    best (count,), p (ndim, count), drift (ndim, nodes), gain (ndim, D, nodes), at all nodes or of one plane for all.
     """
     value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
     at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
@@ -289,13 +237,10 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 @kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, dt, keep):
-    """One stage at `count` nodes from `here` on for coupled velocities, in place; arrays are flat.
+    """out = keep out + (1 - keep) (phi + dt (H + dissipation)) at `count` nodes from `here` on, in place; flat arrays.
 
-    out = keep out + (1 - keep) (phi + dt (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at
-    the mean differences p. In several loops: there are too many velocities for the registers.
-
-    axes : of `_runs_of_axes`. order : a choice of differences. velocities : (box, inverse, drift,
-        gain), as `stage` describes them, of one input.
+    H = max over modes of p . drift + sum_d |p . gain_d| at the mean differences p. In several loops: there are too many
+    velocities for the registers.
     """
     box, _, drift, gain = velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
@@ -311,10 +256,7 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, dt, keep):
 
 @kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
-    """Set the ghost nodes of rows begin:end of a flat plane, and the ghost rows that copy these rows, in place.
-
-    Rows are counted without ghost rows. layout : the `Layout`.
-    """
+    """Set, in place, the ghost nodes of rows begin:end of a flat plane, and the ghost rows that copy these."""
     n, g, width = layout.nodes, layout.ghosts, layout.width
     for row in range(begin + layout.top, end + layout.top):
         base = row * width
@@ -331,10 +273,7 @@ def _fill_ghosts(plane, layout, begin, end):
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
 def _stage_share(phi, out, obstacle, velocities, order, flux, layout, dt, keep, share, shares):
-    """One thread's share of `stage`, written to `out`: number `share` of `shares`; the other arguments are `stage`'s.
-
-    The pieces shared are the chunks of all planes of the layout; ghost nodes are set.
-    """
+    """One thread's share of `stage`, number `share` of `shares`: some of the chunks of all planes, in place."""
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
     for task in range(share * tasks // shares, (share + 1) * tasks // shares):
@@ -355,22 +294,17 @@ def _stage_share(phi, out, obstacle, velocities, order, flux, layout, dt, keep, 
 
 @kernel(parallel=True, least=FEW)
 def stage(phi, out, obstacle, velocities, order, flux, layout, dt, keep):
-    """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`.
+    """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`; in place.
 
-    Ghost nodes of `out` are set as well; `out` is modified in place. Where keep is 0, what was in `out` does not
-    matter.
-
-    phi, out : values as `Layout` has them, an axis of the array for each of the grid.
-    obstacle : the obstacle function, likewise; or (0,) for none.
+    phi, out : values as `Layout` has them, an axis of the array for each of the grid; ghost nodes of out are set.
+    obstacle : likewise; or (0,) for none.
     velocities : a tuple, whose length says what is in it when this is compiled.
         (box,): the lower velocities of all axes, then the upper ones, divided by dx.
-        (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx of all
-        axes.
-        (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes),
-        by Lax-Friedrichs: H = max over modes of p . drift + sum_d |p . gain_d|; the box gives the dissipation.
+        (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx.
+        (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes), by
+        Lax-Friedrichs; the box gives the dissipation.
         Any of them has one plane instead of all where it does not depend on the state.
     order, flux : choices (`choice`) of `DIFFERENCES` and of `HAMILTONIANS`.
-    layout : the `Layout`.
     """
     blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
     for block in prange(blocks):

@@ -17,54 +17,45 @@ from sdhj.kernels.packed import BIT, bits_between, has_bits, shifted_word
 
 
 class Moves(NamedTuple):
-    """Where each input leads the cells at each place: low, high (L, places, ndim) int16, offsets in cells.
-
-    From a cell's own index to the first and the last cell of its image.
-
-    strides : (ndim,) int64; a cell is at the place sum(cell * strides).
-    safe : (2, ndim), the safe ends, infinite where there are none. Of what is past one by a cell or more, and so by
-        more than rounding, no cell is asked for.
-    """
+    """Where each input leads the cells at each place: from cell + low to cell + high, (L, places, ndim) int16."""
 
     low: FloatArray
     high: FloatArray
-    strides: FloatArray
+    strides: FloatArray  # (ndim,): a cell is at the place sum(cell * strides)
+    # (2, ndim): the safe ends, infinite where there are none: past one by a cell, more than rounding, no cell is asked
+    # for
     safe: FloatArray
 
 
 class Clear(NamedTuple):
     """From which cells each input is clear in one interval, for each of G kinds of dangers on axes of its own.
 
-    bits (bytes,) uint8 : all of them. begin (G,) : where a kind's bits begin. strides (G, ndim) : by how many bytes
-    they go on along each axis, 0 along one that the kind does not have. Input j is bit j % 8 of byte j // 8 from
-    there, and has to be clear of all kinds.
+    Input j is bit j % 8 of byte j // 8 from where a cell's bytes begin, and has to be clear of all kinds.
     """
 
-    bits: FloatArray
-    begin: FloatArray
+    bits: FloatArray  # (bytes,) uint8: of all kinds
+    begin: FloatArray  # (G,): where a kind's bytes begin
+    # (G, ndim): by how many bytes they go on along each axis, 0 along one that the kind does not have
     strides: FloatArray
 
 
 class Boxes(NamedTuple):
-    """Boxes of equal size on the axes of an unsafe set, and how many of them may meet the set.
+    """Boxes of equal size on the axes of an unsafe set, and how many of them may meet the set."""
 
-    axes, sizes : (d,), the axes, and how many boxes there are along each; on a periodic axis those of two laps.
-    lower, pitch, length : (d,), where boxes begin, how long one is, and how long the axis is, in its unit.
-    periodic : (d,) bool.
-    narrow : (d,), what a tube may stick out of the boxes that it is looked up in, as these were made wider by more. A
-        tube that is narrower than twice that is looked up in the box around its lower end plus `narrow`, which reaches
-        to both of its ends.
-    sums : (parts, prod(sizes + 1)) int32, the number of boxes that may meet the set below each corner: for each part of
-        the interval, and for all parts together, last; or one for all.
-    """
-
+    # (d,): the axes, and how many boxes there are along each; on a periodic axis those of two laps
     axes: FloatArray
     sizes: FloatArray
+    # (d,): where boxes begin, how long one is, and how long the axis is, in its unit
     lower: FloatArray
     pitch: FloatArray
     length: FloatArray
-    periodic: FloatArray
+    periodic: FloatArray  # (d,) bool
+    # (d,): what a tube may stick out of the boxes that it is looked up in, as these were made wider by more. A tube
+    # that is narrower than twice that is looked up in the box around its lower end plus `narrow`, which reaches to both
+    # of its ends.
     narrow: FloatArray
+    # (parts, prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner: for each part of the
+    # interval, and for all parts together, last; or one for all
     sums: FloatArray
 
 
@@ -88,10 +79,7 @@ def begins_of_clear(cell, clear, begins):
 
 @kernel(inline="always")
 def is_clear(clear, begins, bit, j):
-    """Whether input j is clear of all dangers of a `Clear` from the cell with index `bit` on the last axis.
-
-    begins (G,) : of its row, as `begins_of_clear` wrote it.
-    """
+    """Whether input j is clear of all kinds from the cell with index `bit` on the last axis of `begins_of_clear`."""
     out = True
     for kind in range(begins.size):
         at = begins[kind] + bit * clear.strides[kind, clear.strides.shape[1] - 1]
@@ -103,10 +91,7 @@ def is_clear(clear, begins, bit, j):
 
 @kernel(**UNCOUNTED)
 def next_in_box(at, number, axes):
-    """Move at (axes,) to the next point of a box, 0 <= at[axis] < number[axis], the last axis fastest; in place.
-
-    After the last point comes the first.
-    """
+    """Move at (axes,), in place, to the next point of a box, 0 <= at < number, the last axis fastest, all around."""
     axis = axes - 1
     while axis >= 0:
         at[axis] += 1
@@ -118,12 +103,10 @@ def next_in_box(at, number, axes):
 
 @kernel(**UNCOUNTED)
 def box_of_image(cell, low, high, safe, cells, axes, box):
-    """Write to box (3, ndim) the image cell + low to cell + high on the first `axes` axes; returns its rows.
+    """Write to box (3, ndim) an image on the first `axes` axes: the first cell, how many cells, and zeros.
 
-    box : overwritten with the first cell, the number of cells, and zeros, from which `next_in_box` may begin. On a
-        bounded axis the image is clipped at the ends, on a periodic one it goes around once at most. Returned is the
-        number of rows, over all axes but the last; 0 where the image is past a safe end.
-    cell, low, high (ndim,). safe (2, ndim) : as in `Moves`. cells : the `Cells`.
+    Clipped at the ends of a bounded axis, once around a periodic one at most. Returns the number of rows, over all axes
+    but the last; 0 past a safe end.
     """
     first, number, at, total = box[0], box[1], box[2], 1
     for axis in range(axes):
@@ -143,10 +126,7 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
 
 @kernel(inline="always")
 def row_of_box(box, cells):
-    """The number of the row of cells at which a box stands: at its first cell + box[2], taken around periodic axes.
-
-    box (3, ndim) : of `box_of_image`, moved by `next_in_box`.
-    """
+    """The number of the row of cells at which a box (3, ndim) stands, its first cell + box[2]."""
     row = 0
     for axis in range(cells.counts.size - 1):
         count, place = cells.counts[axis], box[0, axis] + box[2, axis]
@@ -156,10 +136,9 @@ def row_of_box(box, cells):
 
 @kernel(**UNCOUNTED)
 def rows_inside(total, cells, index, pool, scratch):
-    """Whether all cells of a box with `total` rows are in a set, whose rows are the blocks pool[index].
+    """Whether all cells of a box with `total` rows, perhaps 0, are in a set, whose rows are the blocks pool[index].
 
-    total : 0 for an image past a safe end, which is True. cells : the `Cells`. index (R,), pool (B, W) uint64 : the
-        number of each row's block, and the blocks. scratch (3, ndim) : the box, as `box_of_image` left it; overwritten.
+    scratch (3, ndim) : the box, as `box_of_image` left it; overwritten.
     """
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
@@ -178,23 +157,14 @@ def rows_inside(total, cells, index, pool, scratch):
 
 @kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
-    """Whether the image of a cell under move j is in a set, whose rows are the blocks pool[index].
-
-    True where the image is past a safe end.
-
-    cell (ndim,), place : the cell, and the number of its place. moves : the `Moves`. cells : the `Cells`. index (R,),
-        pool (B, W) uint64 : the number of each row's block, and the blocks. scratch (3, ndim) int64 : overwritten.
-    """
+    """Whether the image of a cell (ndim,), at a place, under move j is in a set (`rows_inside`), or past a safe end."""
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
     return rows_inside(total, cells, index, pool, scratch)
 
 
 @kernel(inline="always")
 def runs_of_ones(block, begin, length):
-    """A word whose bit b is set where the bits begin + b to begin + b + length - 1 of a block are all set.
-
-    1 <= length <= 64; beyond the ends of the block bits count as 0.
-    """
+    """A word whose bit b is set where `length`, 1 to 64, bits of a block are all set from begin + b on."""
     low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
     while run < length:
         more = min(run, length - run)
@@ -206,10 +176,7 @@ def runs_of_ones(block, begin, length):
 
 @kernel(inline="always")
 def runs_of_any_length(block, begin, length):
-    """A word whose bit b is set where the bits begin + b to begin + b + length - 1 of a block are all set.
-
-    Of any length; all ones where the length is 0 or less. Beyond the ends of the block bits count as 0.
-    """
+    """`runs_of_ones` of any length; all ones where it is 0 or less. Beyond the ends of the block bits count as 0."""
     out = ~np.uint64(0)
     for at in range(0, length, 64):
         out &= runs_of_ones(block, begin + at, min(length - at, 64))
@@ -218,16 +185,9 @@ def runs_of_any_length(block, begin, length):
 
 @kernel(**UNCOUNTED)
 def images_inside(word, cell, place, moves, cells, extended, scratch, found):
-    """Which cells of word number `word` have their image under each move in a set: leaves their bits alone in `found`.
+    """Keep in found (L,), in place, a word's cells whose image under each move is in a set; returns their OR.
 
-    Returns the OR of all of `found`.
-
-    cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
-    moves : the `Moves`. cells : the `Cells`.
-    extended (R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along
-        the last axis, in words.
-    scratch (3, ndim) int64 : overwritten.
-    found (L,) uint64 : the cells that are asked for, under each move; the bits of the others are set to 0, in place.
+    extended (R, margin + W + margin) : the rows of the set, with what comes before and behind them along the last axis.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
@@ -246,14 +206,10 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
 @kernel(parallel=True)
 def grow(near, inside, following, clear, moves, cells, keep):
-    """Add to a set the cells that moves lead into `following`; for `keep`, keep only such cells of it. In place.
+    """Add to `inside`, in place, the cells that clear moves lead into `following`; for `keep`, keep only such.
 
-    Only cells in words that are `near` are looked at. A cell needs a move that is clear.
-
-    near (R, W) bool : the words. inside, following (R, W) uint64 : the two sets; `inside` is modified in place. Where
-        all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
-    clear : the `Clear`. moves : the `Moves`. cells : the `Cells`.
-    keep : bool, whether cells are taken away instead of added.
+    near, inside, following (R, W) : the words that are looked at, and the sets; where all cells along the last axis are
+        at one place, `following` may be extended as in `images_inside`.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
     for i in prange(rows):
@@ -266,15 +222,9 @@ def grow(near, inside, following, clear, moves, cells, keep):
 
 @kernel(**UNCOUNTED)
 def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices, images_in, begins):
-    """Add to one row of a set the cells that moves lead into another; for `keep`, keep only such cells. In place.
+    """What `grow` does, for row number `row`: near (W,), inside (W,) in place, the other set as pool[index].
 
-    What `grow` does, for row number `row`.
-
-    near (W,) : the words of the row that are looked at. inside (W,) : the row itself, modified in place. index (R,),
-        pool : the other set by the number of each row's block, and the blocks.
-    clear : the `Clear`. moves : the `Moves`. cells : the `Cells`. keep : bool.
-    indices (4, ndim) int64, images_in (L,) uint64, begins (G,) int64 : overwritten; the second is of length 0 unless
-        `pool` is extended as in `images_inside`.
+    indices (4, ndim), images_in (L,), begins (G,) : overwritten; the second is of length 0 unless `pool` is extended.
     """
     begin, tried = 0, 0
     last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
@@ -310,10 +260,9 @@ def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices,
 
 @kernel(parallel=True)
 def add_marked(inside, clear, marks, strides, counts):
-    """Add to a set, in place, the cells from which an input is clear that has a bit in marks[site].
+    """Add to a set, inside (R, W), in place, the cells from which an input is clear that has a bit in marks[site].
 
-    inside (R, W) uint64 : the set. clear : the `Clear`. marks (sites, bytes) uint8.
-    strides, counts (ndim,) : a cell is at the site sum(cell * strides); the numbers of cells.
+    marks (sites, bytes). strides, counts (ndim,) : a cell is at the site sum(cell * strides); the numbers of cells.
     """
     last = counts[counts.size - 1]
     for i in prange(inside.shape[0]):
@@ -335,12 +284,10 @@ def add_marked(inside, clear, marks, strides, counts):
 
 @kernel(inline="always")
 def boxes_along(low, high, k, lattice):
-    """(first, past): which of the lattice's boxes along its k-th axis [low, high] overlaps, one at least.
+    """(first, past): which boxes along the lattice's k-th axis [low, high] overlaps, that at low at least.
 
-    On a periodic axis the first is in the first of two laps; on a bounded one what is past an end overlaps the box
+    On a periodic axis the first is in the first of two laps; what is past an end of a bounded one overlaps the box
     there.
-
-    low, high : in the axis's unit; where high < low, the box at `low`. lattice : the `Boxes`.
     """
     size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
     begin, end = low - lattice.lower[k], high - lattice.lower[k]
@@ -362,10 +309,7 @@ def boxes_along(low, high, k, lattice):
 
 @kernel()
 def add_up(flat, n, stride):
-    """Add to each entry of `flat` (M,), in place, all entries before it along an axis.
-
-    n : the number of entries along this axis of the array that is flat here, an entry and the next `stride` apart.
-    """
+    """Add to each entry of `flat` (M,), in place, all entries before it along an axis of n entries, `stride` apart."""
     for begin in range(0, flat.size, n * stride):
         for at in range(begin + stride, begin + n * stride):
             flat[at] += flat[at - stride]
@@ -383,20 +327,16 @@ class Placed(NamedTuple):
 
     So cells are sorted by place and by line, a stretch of cells along `axis`. For `mark_collisions` this axis is one of
     the lattice's, even where a line is a single cell.
-
-    counts : (ndim,), the numbers of cells.
-    edges : (ndim, most + 1), where cells begin and end.
-    safe : (2, ndim), the lower and the upper coordinates past which a state has left by a safe end; infinite where
-        there are none.
     """
 
-    counts: FloatArray
+    counts: FloatArray  # (ndim,): the numbers of cells
     begin: FloatArray
     offset: FloatArray
     axis: int
     stride: int
     length: int
-    edges: FloatArray
+    edges: FloatArray  # (ndim, most + 1): where cells begin and end
+    # (2, ndim): the coordinates past which a state has left by a safe end; infinite where there are none
     safe: FloatArray
 
 
@@ -404,7 +344,7 @@ class Placed(NamedTuple):
 def parts_inside(cell, tube, layout):
     """In how many parts of the interval, from the first on, what was in a cell may still be between the safe ends.
 
-    cell (ndim,) : indices. tube (parts, ndim, 2) : how far the cell's ends move in each part. layout : the `Placed`.
+    cell (ndim,). tube (parts, ndim, 2) : how far the cell's lower and upper ends move in each part, here and below.
     """
     for axis in range(cell.size):
         if layout.safe[0, axis] > -np.inf or layout.safe[1, axis] < np.inf:
@@ -435,14 +375,10 @@ class Lines(NamedTuple):
 
 @kernel(parallel=True)
 def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
-    """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may meet an unsafe set.
+    """Clear a bit of clear (cells,), in place, for the cells from which a tube may meet a box of the `lattice`.
 
-    bit : a mask. lattice : the `Boxes` that may meet the set.
-    tubes (places, parts, ndim, 2) : how far the lower and the upper end of a cell at each place move in each part of
-        the interval.
-    places : (begin, end), the numbers of these places.
-    layout : the cells in lines along an axis of the lattice (`Placed`). together : of how many places lines follow one
-        another, at most.
+    tubes (places, parts, ndim, 2) : how far a cell's ends move, at each of `places` (begin, end). together : of how
+        many places lines follow one another, at most.
     """
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
     together = max(min(together, CELLS_TOGETHER // length), 1)
@@ -458,12 +394,10 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
 
 @kernel(**UNCOUNTED)
 def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
-    """Do what `mark_collisions` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
+    """What `mark_collisions` does, for chunk number `chunk` of `CHUNKS` of the cells.
 
     Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
     up in each part. A line of one place is followed by that of the next, of some places, so that memory is read once.
-
-    scratch : a `Lines`.
     """
     cell, known, along, hulls, corner, at, left, met = scratch
     lines, sums = layout.offset.size, lattice.sums
@@ -498,11 +432,7 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
 
 @kernel(inline="always")
 def swept_boxes(number, span, tube, k, lattice, edges):
-    """(first, past): which of the lattice's boxes along its k-th axis the tube of cell `number` of that axis overlaps.
-
-    tube (parts, ndim, 2) : how far the cell's ends move in each part. span : 0, the whole interval, or part span - 1.
-        edges (ndim, most + 1) : where cells begin and end.
-    """
+    """(first, past): which boxes along the lattice's k-th axis the tube of a cell of that axis overlaps in a span."""
     axis, begin, end = lattice.axes[k], max(span - 1, 0), span if span > 0 else tube.shape[0]
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
     for part in range(begin + 1, end):
@@ -513,12 +443,9 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 @kernel(**UNCOUNTED)
 def boxes_of_a_line(begin, span, tube, lattice, layout, along, hulls):
-    """Write `swept_boxes` of the cells of a line, each times the step of the line's axis in the sums.
+    """Write `swept_boxes` of a line's cells, times the step of its axis in the sums, to along (2, length).
 
-    begin : the line's first cell on its axis. span : 0, the whole interval, or part span - 1. tube (parts, ndim, 2) :
-        how far the ends of the cells move in each part. lattice : the `Boxes`. layout : the `Placed`.
-    along (2, length) : overwritten with the first box and the one behind the last, of each cell. hulls (2, segments) :
-        with those of each segment of `SEGMENT` cells.
+    begin : the line's first cell on its axis. hulls (2, segments) : overwritten with those of each `SEGMENT` cells.
     """
     step = 1
     for k in range(lattice.axes.size - 1, -1, -1):
@@ -534,11 +461,9 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, along, hulls):
 
 @kernel(**UNCOUNTED)
 def corners_of_a_line(cell, span, tube, lattice, layout, corner, at):
-    """Write where in the sums the corners of `swept_boxes` of a cell (ndim,) are on all axes but a line's.
+    """Write to corner (2, 2^(d - 1)) the corners of `swept_boxes` in the sums, but for a line's axis, and signs.
 
-    span : 0, the whole interval, or part span - 1. tube (parts, ndim, 2) : how far the cell's ends move in each part.
-    lattice : the `Boxes`. layout : the `Placed`.
-    corner (2, 2^(d - 1)) : overwritten with the place of each, and its sign, 1 or -1. at (2, d) : overwritten.
+    cell (ndim,). at (2, d) : overwritten.
     """
     d = lattice.axes.size
     for k in range(d):
@@ -559,10 +484,7 @@ def corners_of_a_line(cell, span, tube, lattice, layout, corner, at):
 def count_in_a_line(sums, corner, along, hulls, left, met):
     """Write to met (length,) how many boxes that may meet the set each cell's tube overlaps, by differences of `sums`.
 
-    Segments are looked up first; 0 is written in those that overlap no such box, or have nothing left.
-
-    sums : one of `Boxes.sums`. corner : as `corners_of_a_line` wrote it. along, hulls : as `boxes_of_a_line` did.
-    left (length,) : not 0 for the cells that are still asked about.
+    Segments are looked up first; 0 is written in those that overlap no such box, or where left (length,) is 0.
     """
     for segment in range(hulls.shape[1]):
         begin, end, found = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size), 0
@@ -578,12 +500,9 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 
 @kernel(parallel=True)
 def mark_exits(clear, tubes, places, faces, bit, layout):
-    """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may leave by an unsafe end.
+    """Clear a bit of clear (cells,), in place, for the cells from which a tube may leave by an unsafe end.
 
-    tubes (places, parts, ndim, 2) : how far the lower and the upper end of a cell at each place move in each part of
-        the interval.
-    places : (begin, end), the numbers of these places. faces (2, ndim) : these ends, infinite for others.
-    bit : a mask. layout : the cells in lines (`Placed`).
+    tubes, places : as for `mark_collisions`. faces (2, ndim) : these ends, infinite for others.
     """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
@@ -593,13 +512,10 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, cell, far):
-    """Do what `mark_exits` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
+    """What `mark_exits` does, for chunk number `chunk` of `CHUNKS` of the cells.
 
-    A line is looked at from its first cell on until one stays, and from its last cell back: cells between two that stay
-    do so, too. For all cells of a line move alike, and the nearer a cell is to a safe end, where there is one, the
-    sooner it is out.
-
-    cell (ndim,) int64, far (2, ndim) : overwritten; the second with how far a cell's ends get.
+    A line is looked at from its first cell on until one stays, and from its last back: cells between two that stay do
+    so, too, as all move alike, and the nearer a cell is to a safe end the sooner it is out.
     """
     lines, along = layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
@@ -631,11 +547,7 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, cell, f
 
 @kernel(inline="always")
 def past_a_face(cell, far, faces, edges, along, others):
-    """Whether an end of a cell (ndim,), moved by far (2, ndim), is beyond one of the faces (2, ndim).
-
-    The lower end beyond a lower face or the upper beyond an upper one; on the axis `along` or, for `others`, on all
-    other axes. edges (ndim, most + 1) : where cells begin and end.
-    """
+    """Whether a cell (ndim,), moved by far (2, ndim), is beyond a face (2, ndim) on `along`, or all `others`."""
     left = False
     for axis in range(cell.size):
         if (axis == along) != others:
@@ -646,15 +558,10 @@ def past_a_face(cell, far, faces, edges, along, others):
 
 @kernel(nogil=True)
 def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
-    """out[m, j] &= whether input j is safe from the cell some[m], of (M, ndim), and leads into its set; in place.
+    """out[m, j] &= whether input j is clear from the cell some[m] and leads into its set, with a step less; in place.
 
-    The set is that with steps_left[m] - 1 steps to go. No input is certified for steps_left[m] = 0.
-
-    some (M, ndim), steps_left (M,) : the cells, and the steps to go of each. cells : the `Cells`.
-    out (M, L) bool : the inputs that are asked about.
-    moves : the `Moves`. clear : the `Clear`.
-    sets (n, R) : the numbers of the blocks in `pool` of the sets with 0, 1, ... steps to go, all later ones being the
-        last; n = 0: inputs have to be safe only.
+    steps_left (M,) : 0 for no input. sets (n, R) : the blocks in `pool` of the sets with 0, 1, ... steps to go, the
+        last for all later ones; n = 0: clear is enough.
     """
     scratch, begins = np.empty((3, some.shape[1]), np.int64), np.empty(clear.begin.size, np.int64)
     for m in range(some.shape[0]):
@@ -671,16 +578,12 @@ def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
 
 @kernel(nogil=True)
 def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
-    """out[m, j] &= whether input j leads from the cell some[m] into its set, for cells in lines along an axis.
+    """out[m, j] &= whether input j leads from the cell some[m], of lines along an axis, into its set; in place.
 
-    In place: what `certified_inputs` says of inputs that are known to be safe. From cell to cell of a line, an image
-    goes on along the axis, and only what of it is new is looked at.
+    What `certified_inputs` says of inputs that are known to be safe, for n, steps_left[m] >= 1. From cell to cell of a
+    line, an image goes on along the axis, and only what of it is new is looked at.
 
-    some (M, ndim), steps_left (M,) : the cells, those of a line one after the other, and the steps to go of each, at
-        least 1; the set is that with steps_left[m] - 1 steps to go. cells : the `Cells`. moves : the `Moves`.
     along : an axis, not the last one, that no place depends on, without safe ends.
-    sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ... steps to go, n >= 1, and the blocks.
-    out (M, L) bool : the inputs that are asked about.
     """
     ndim, begin, scratch = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
     seen = np.empty((len(sets), 3), np.int64)
@@ -710,7 +613,6 @@ def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
 
 @kernel(inline="always")
 def same_line(cell, other, along):
-    """Whether two cells, (ndim,) each, differ on the axis `along` at most."""
     for axis in range(cell.size):
         if axis != along and cell[axis] != other[axis]:
             return False
@@ -719,17 +621,10 @@ def same_line(cell, other, along):
 
 @kernel(**UNCOUNTED)
 def slid_inside(own, steps_left, low, high, along, rows, bit, past, cells, sets, pool, seen, out):
-    """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set.
+    """out[m] &= whether the image of cell m of a line along an axis, under one input, is in its set; in place.
 
-    out (M,) bool. cells : the `Cells`. sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ...
-    steps to go, and the blocks.
-
-    own, steps_left (M,) : the indices on the axis of the line's cells, and their steps to go. low, high : the first and
-        the last cell of an image there, as offsets.
-    rows (R,) : those of a slice of an image, as if at index 0 on the axis. bit, past : its first cell and the one past
-        the last on the last axis.
-    seen (n, 3) : for each set the first slice that was looked at, the last one, or -2 if there is none, and the last
-        that is not in the set; in place.
+    own (M,) : the cells' indices there. low, high : of an image there, as offsets. rows (R,) : of a slice of an image,
+        as if at index 0; bit, past : its first cell and the one past the last on the last axis.
     """
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]
     for axis in range(along + 1, cells.counts.size - 1):
@@ -745,6 +640,7 @@ def slid_inside(own, steps_left, low, high, along, rows, bit, past, cells, sets,
         elif far - near >= count:
             near, far = 0, count - 1
         following = max(min(steps_left[m], len(sets)) - 1, 0)
+        # of the set: the first slice looked at, the last one, -2 for none, and the last that is not in the set
         index, known = sets[following], seen[following]
         if known[1] == -2 or near < known[0] or near > known[1] + 1 or far < known[1]:
             known[0], known[1], known[2] = near, near - 1, near - 1

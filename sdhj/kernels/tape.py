@@ -40,12 +40,10 @@ Packable = FloatArray | list[FloatArray]
 class Tape(NamedTuple):
     """A formula, ready to be played: seven arrays, `packed`, in this order.
 
-    A result may be in the slot of an operand.
-
     code : (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one). Of
         `x` and `p`, a is the number of the coordinate or parameter; of `gridded` a row of `lookups`.
     slots : (1,), how many slots there are.
-    outputs : (K,), the slots of the results.
+    outputs : (K,), the slots of the results, which may be those of operands.
     lookups : (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first entry in `tables`, behind whose
         values its `pyramid` follows.
     value : (n,) float64: of `const`; the exponent of `power`.
@@ -61,10 +59,7 @@ CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
 def pyramid(values: FloatArray) -> list[FloatArray]:
-    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes along each axis.
-
-    Returns arrays [least of 4, greatest of 4, least of 16, ...], until few blocks are left; [] for a small table.
-    """
+    """[least of 4, greatest of 4, least of 16, ...]: extremes in blocks of a table's nodes, until few are left."""
     found, least, greatest = list[FloatArray](), values, values
     while least.size > MOST_NODES[values.ndim]:
         for axis in range(values.ndim):
@@ -77,10 +72,7 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
 def packed(*arrays: Packable) -> Tape:
     """Arrays one behind the other in two flat ones, a read-only `Tape`: whole numbers in `ints`, floats in `floats`.
 
-    Before the whole numbers stands where each of the given arrays begins and ends; `part` finds it.
-
-    arrays : of float64, int or bool; a list of at least one array, all floats or none, counts as one array, of all of
-        them in that order.
+    Before the whole numbers stands where each array begins and ends; `part` finds it. A list counts as one array.
     """
     # Python hands over few arrays sooner than many. Lists are copied once: maps are large.
     where, ends = np.zeros((len(arrays), 2), np.int64), [2 * len(arrays), 0]
@@ -96,13 +88,13 @@ def packed(*arrays: Packable) -> Tape:
 
 @kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
 def part(ints, array, k):
-    """The k-th of packed arrays (`packed`): a flat view of `array`, the `ints` or `floats` that it lies in."""
+    """The k-th of packed arrays: a flat view of `array`, the `ints` or `floats` that it lies in."""
     return array[ints[2 * k] : ints[2 * k + 1]]
 
 
 @kernel(**UNCOUNTED)
 def length(ints, k):
-    """How many numbers the k-th of packed arrays (`packed`) has."""
+    """How many numbers the k-th of packed arrays has."""
     return ints[2 * k + 1] - ints[2 * k]
 
 
@@ -114,13 +106,7 @@ def slots_of(ints, first):
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
 def _arithmetic(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from ADD to OR, op by its number.
-
-    NaN where a divisor is 0 or an operand NaN. Of an operation with one operand j is not used, but for the square,
-    where it is i.
-
-    scratch (rows, points) : written in place, at the first `count` points.
-    """
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from ADD to OR; NaN for a divisor 0. In place."""
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == ADD:
         for m in range(count):
@@ -156,12 +142,7 @@ def _arithmetic(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _elementary(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from POW to MOD, op by its number.
-
-    NaN outside a domain, or for NaN. Of an operation with one operand j is not used.
-
-    scratch (rows, points) : written in place, at the first `count` points.
-    """
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from POW to MOD; NaN outside a domain. In place."""
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == POW:
         for m in range(count):
@@ -203,12 +184,9 @@ def _elementary(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _power(scratch, i, n, k, count):
-    """scratch[k] = scratch[i]^n at `count` points, n a whole number.
+    """scratch[k] = scratch[i]^n at `count` points, n a whole number, k not i; NaN for 0 to a negative power. In place.
 
-    By squares, from the first binary digit of |n| on: the relative error is at most that of |n| roundings. 1 for n = 0;
-    NaN for NaN, and for 0 to a negative power.
-
-    scratch (rows, points) : written in place; k is not i, which is not checked.
+    By squares, from the first binary digit of |n| on: the relative error is at most that of |n| roundings.
     """
     (a, out), digits = (scratch[i], scratch[k]), 0
     for m in range(count):
@@ -229,11 +207,9 @@ def _power(scratch, i, n, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _truths(op, scratch, i, j, k, last, count):
-    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, for the operations from SIGN to WHERE.
+    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, op from SIGN to WHERE, in place.
 
     Truth values are 1 and 0. NaN where an operand that counts is NaN: of `where`, the one that is not chosen does not.
-
-    op : by its number; only `where` has three operands. scratch (rows, points) : written in place.
     """
     a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
     if op == SIGN:
@@ -261,10 +237,9 @@ def _truths(op, scratch, i, j, k, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, scratch, i, j, k, n, last, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for any operation from ADD on, op by its number.
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from ADD on, k no operand's row; in place.
 
-    n : the whole exponent of `power`, else not used. last : the row of the third operand of `where`, else not used.
-    scratch (rows, points) : written in place; k is no row of an operand.
+    n : the exponent of `power`. last : the row of the third operand of `where`.
     """
     if op < POWER:
         _arithmetic(op, scratch, i, j, k, count)
@@ -278,12 +253,9 @@ def _values(op, scratch, i, j, k, n, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
-    """(value, largest): a table's multilinear interpolant at a position, and the largest magnitude around it.
+    """(value, largest): a table's interpolant at position (axes,), in nodes, and the greatest |value| of the cell.
 
-    The magnitude is that of the values at the nodes of the cell.
-
-    position (axes,) : in units of nodes, within the table. lookup (14,) : the table's row in `Tape`; its values are
-        tables[first:]. corner (64,) : overwritten.
+    lookup (14,) : the table's row in `Tape`; its values are tables[first:]. corner (64,) : overwritten.
     """
     axes, most = lookup[0], 0.0
     for c in range(1 << axes):
@@ -304,11 +276,10 @@ def _interpolated(tables, first, lookup, position, corner):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _gridded(lookup, places, tables, scratch, place, out, count, position, corner):
-    """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; NaN for NaN.
+    """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; in place.
 
-    lookup, places, tables : the table's rows, and the array, of `Tape`.
-    scratch, place : the coordinates are the rows place[slot] of scratch, of the slots in `lookup`.
-    out : (at least `count`,), overwritten, as are position (6,) and corner (64,).
+    scratch, place : the coordinates are the rows place[slot] of scratch, of the slots in `lookup`. position (6,),
+        corner (64,) : overwritten.
     """
     for m in range(count):
         fine = True
@@ -320,34 +291,27 @@ def _gridded(lookup, places, tables, scratch, place, out, count, position, corne
 
 
 class Work(NamedTuple):
-    """Arrays that playing a tape overwrites; made by `work_for`.
+    """Arrays that playing a tape overwrites; made by `work_for`."""
 
-    rows : (slots + 1, points), of numbers. place : (slots,), which row each slot is. position, corner : (6,), (64,),
-    for look-ups in tables.
-    """
-
-    rows: Any
-    place: Any
+    rows: Any  # (slots + 1, points): of numbers
+    place: Any  # (slots,): which row each slot is
+    # (6,), (64,): for look-ups in tables
     position: Any
     corner: Any
 
 
 @kernel(nogil=True)
 def work_for(slots, points):
-    """The new `Work`, not initialised, to play tapes with at most so many slots at so many points at a time."""
+    """A new `Work` to play tapes with at most so many slots at so many points at a time."""
     return Work(np.empty((slots + 1, points)), np.empty(slots, np.int64), np.empty(6), np.empty(64))
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def play_with_scratch(ints, floats, first, points, parameters, out, start, stop, work):
-    """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], in place.
+    """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], (K, M).
 
-    Returns 0 where all of these are finite, else NaN.
-
-    ints, floats, first : packed arrays and the number of the tape's code among them. parameters (P,) : those that the
-        tape reads. out (K, M) : for its K results.
-    work : a `Work`, overwritten, with room for the tape's slots and for min(BLOCK, stop - start) points, which is not
-        checked.
+    Returns 0 where all are finite, else NaN. first : the number of the tape's code among packed arrays. work : with
+    room for the tape's slots and min(BLOCK, stop - start) points.
     """
     # A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
     # overwritten.
@@ -386,13 +350,7 @@ def play_with_scratch(ints, floats, first, points, parameters, out, start, stop,
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], out (K, M).
-
-    Returns 0 where all of them are finite, else NaN.
-
-    ints, floats : packed arrays. first : the number of the tape's code among them. parameters (P,) : those that the
-        tape reads.
-    """
+    """`play_with_scratch` with scratch of its own."""
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
     return play_with_scratch(ints, floats, first, points, parameters, out, start, stop, work)
 
@@ -400,7 +358,7 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
     """Write the values of a tape at points (M, C) with parameters (P,) to out (K, M); returns whether all are finite.
 
-    What is undefined is NaN. Many points are shared out to threads. `parameters` becomes read-only.
+    Many points are shared out to threads. `parameters` becomes read-only.
     """
     ints, floats = tape
     parameters = read_only(parameters)  # as those are that compiled look-ups give
@@ -410,11 +368,7 @@ def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray
 
 
 def _share_out(work: Any, count: int, *arguments: Any) -> list[Any]:
-    """What `work(*arguments, start, stop)` returns for nearly equal ranges of 0 to count, a list in order.
-
-    As many ranges as Numba has threads, each in a thread of its own unless there is but one; some are empty where
-    `count` is less. work : a kernel that runs without Python's lock.
-    """
+    """What a kernel without Python's lock returns for equal ranges of 0 to count, each in a thread."""
     # A parallel kernel in place of threads would compile everything once more.
     if (threads := get_num_threads()) == 1:
         return [work(*arguments, 0, count)]
@@ -432,14 +386,11 @@ def _magnitudes(scratch, i, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _at_ends(op, fact, scratch, i, j, k, n, count):
-    """Write to rows 2 k and 2 k + 1 of scratch an operation's values where it is least and greatest, at `count` boxes.
+def _values_at_extremes(op, fact, scratch, i, j, k, n, count):
+    """Write an operation's values where it is least and greatest, not rounded, to rows 2 k and 2 k + 1 of scratch.
 
-    These are values at ends of the operands' intervals, which are in rows 2 i and 2 j and the next ones. They are not
-    rounded outward.
-
-    op : by its number; not one that `_direct_bounds` knows. fact (COLUMNS,) : the operation's row of what is known. n :
-        the exponent of `power`. The last four rows of scratch are overwritten.
+    Values at ends of the operands' intervals, in rows 2 i and 2 j and the next ones; fact (COLUMNS,). The last four
+    rows of scratch are overwritten.
     """
     work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):
@@ -460,13 +411,9 @@ def _at_ends(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _outward(op, fact, scratch, i, j, k, n, count):
-    """Make of the values in rows 2 k and 2 k + 1 of scratch, left by `_at_ends`, intervals that are rounded outward.
+    """Make of what `_values_at_extremes` left in rows 2 k and 2 k + 1 intervals that are rounded outward, in place.
 
-    In place, with extremes that lie between the ends, as those of sin; an end is NaN where the operation may be
-    undefined.
-
-    op : by its number. fact (COLUMNS,) : the operation's row of what is known. i, j : the operands' intervals are in
-        rows 2 i and 2 j and the next ones. n : the exponent of `power`. count : how many boxes.
+    With extremes that lie between the ends, as those of sin; an end is NaN where the operation may be undefined.
     """
     a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
@@ -498,12 +445,9 @@ def _outward(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _direct_bounds(op, scratch, i, j, k, last, count):
-    """Write the intervals of the operations that need no `_at_ends` to rows 2 k and 2 k + 1 of scratch.
+    """Write intervals of operations that are `DIRECT`, rounded outward, to rows 2 k and 2 k + 1 of scratch.
 
-    Rounded outward.
-
-    op : by its number. The operands' intervals are in rows 2 i and 2 j and the next ones, that of the third operand of
-        `where` in 2 last.
+    The operands' are in rows 2 i and 2 j and the next ones, that of the third operand of `where` in 2 last.
     """
     a, b = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2]
     c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]
@@ -540,10 +484,7 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _copy_nodes(lookup, tables, first, last, block, at):
-    """Copy a table's values at the nodes first to last (axes,), included, to block (nodes,); returns how many.
-
-    The last axis fastest. lookup (14,) : the table's row in `Tape`. tables : the array. at (6,) : overwritten.
-    """
+    """Copy a table's values at the nodes first to last (axes,), included, to block (nodes,); returns how many."""
     at[:], axes, place = first, lookup[0], 0
     while at[0] <= last[0]:
         index = np.int64(0)
@@ -565,10 +506,10 @@ def _copy_nodes(lookup, tables, first, last, block, at):
 
 @kernel(nogil=True, error_model="numpy")
 def _interpolate_ends(block, before, count, behind, low, high):
-    """Replace a block's values at the first and the last of `count` nodes along an axis by those at two ends.
+    """Replace a block's values at the first and the last of `count` nodes along an axis by those at two ends, in place.
 
-    In place. block (before, count, behind), flat. The interval begins `low` of a cell behind the first node and ends
-    `high` of a cell behind the last node but one.
+    block (before, count, behind), flat. The interval begins `low` of a cell behind the first node and ends `high` of a
+    cell behind the last node but one.
     """
     for row in range(before):
         begin, end = row * count * behind, (row * count + count - 2) * behind
@@ -580,11 +521,7 @@ def _interpolate_ends(block, before, count, behind, low, high):
 
 @kernel(nogil=True, error_model="numpy")
 def _extremes_of_blocks(lookup, tables, first, last):
-    """(least, greatest): of a table's values at the nodes first to last (axes,), and at some beside them.
-
-    Those of few blocks of the table's `pyramid` that cover these nodes. lookup (14,) : the table's row in `Tape`.
-    tables : the array.
-    """
+    """(least, greatest) of a table in few blocks of its `pyramid` that cover the nodes first to last (axes,)."""
     axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
     for axis in range(axes):
         size *= lookup[7 + axis]
@@ -608,14 +545,10 @@ def _extremes_of_blocks(lookup, tables, first, last):
 
 @kernel(nogil=True, error_model="numpy")
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
-    """out[0, m], out[1, m] = bounds, rounded outward, of a table's interpolant over box m, for `count` boxes.
+    """out[0, m], out[1, m] = bounds, rounded outward, of a table's interpolant over box m, for `count` boxes, in place.
 
-    NaN where an end of a coordinate is. The extremes of a multilinear function are among the ends of the box and the
-    nodes inside, on each axis. In a box with many nodes they are bounded by those of blocks of nodes that cover it
-    (`pyramid`).
-
-    lookup, places, tables : as for `_gridded`.
-    scratch, place : the ends of a coordinate are in rows 2 place[slot] and the next of scratch.
+    The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis; many nodes
+    are bounded by blocks that cover them (`pyramid`).
     """
     axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
     ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)
@@ -655,10 +588,7 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _undefined_to_nan(scratch, i, j, k, count):
-    """Make both ends of the intervals in rows 2 k and 2 k + 1 NaN where an end is not finite or an operand NaN.
-
-    In place, at `count` boxes. The operands' intervals are in rows 2 i and 2 j and the next ones.
-    """
+    """Make the intervals in rows 2 k and 2 k + 1 NaN, in place, where an end is not finite or an operand NaN."""
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])
@@ -676,13 +606,7 @@ def _is_constant(row):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
-    """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], rounded outward.
-
-    Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
-
-    ints, floats : of a tape alone. facts (operations, COLUMNS) : what is known of each operation.
-    low, high (M, C) : the boxes. ends (2, P) : the least and the greatest value of each parameter. out (2, K, M).
-    """
+    """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], as `play_bounds` does."""
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
     slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)
     value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
@@ -712,7 +636,7 @@ def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
                 if fact[DIRECT] != 0.0:
                     _direct_bounds(op, scratch, i, j, spare, last, n)
                 else:
-                    _at_ends(op, fact, scratch, i, j, spare, int(value[k]), n)
+                    _values_at_extremes(op, fact, scratch, i, j, spare, int(value[k]), n)
                     _outward(op, fact, scratch, i, j, spare, int(value[k]), n)
             if op < ADD or op == WHERE:
                 i, j = spare, spare
@@ -730,13 +654,10 @@ def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
 def play_bounds(
     tape: Tape, facts: FloatArray, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray
 ) -> None:
-    """Write intervals that hold the values of a tape over boxes from low to high (M, C) to out (2, K, M).
-
-    Rounded outward. Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box. Many
-    boxes are shared out to threads.
+    """Write intervals of a tape over boxes from low to high (M, C) to out (2, K, M), rounded outward, or NaN twice.
 
     facts (operations, COLUMNS) : what is known of each operation. ends (2, P) : the least and the greatest value of
-        each parameter.
+        each parameter. Many boxes are shared out to threads.
     """
     arguments = (*tape, facts, low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:

@@ -27,33 +27,25 @@ class Samples(NamedTuple):
 
     In points, past, unsafe_values and target_values, the `count` points of each state that waits stand one behind the
     other, in the order of the queue.
-
-    queue (3, R) : [0], the states that wait, as indices into `rows` of the callers; [1], for each state the best input
-        by the tubes; [2], the steps to go after the interval.
-    verdicts, hazard (R, L) : `UNKNOWN`, `PASSES` or `FAILS`, and the interpolated avoid tube, of each input.
-    points (R count, ndim + 1) : where the sets are evaluated, the time last.
-    past (R count,) : 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one;
-        else 0.
-    unsafe_values (sets, R count), target_values (1, R count) : the values of the unsafe sets and, at state and corners,
-        of the target.
     """
 
+    # (3, R): [0], the states that wait, as indices into `rows` of the callers; [1], for each state the best input by
+    # the tubes; [2], the steps to go after the interval
     queue: Any
+    # (R, L): `UNKNOWN`, `PASSES` or `FAILS`, and the interpolated avoid tube, of each input
     verdicts: Any
     hazard: Any
-    points: Any
+    points: Any  # (R count, ndim + 1): where the sets are evaluated, the time last
+    # (R count,): 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one
     past: Any
+    # (sets, R count), (1, R count): the values of the unsafe sets and, at state and corners, of the target
     unsafe_values: Any
     target_values: Any
 
 
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
-    """The new `Samples` of R states: `target_values` is 0, the others are not initialised.
-
-    states : R. inputs : L. count : how many points are looked at for a state and an input: 1, or the instants of the
-    path, the state, and 2^ndim corners. sets : how many unsafe sets there are.
-    """
+    """New `Samples` of R states, `target_values` 0; count: 1, or the path, the state, and 2^ndim corners."""
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, target_values = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
     for i in range(size):
@@ -63,12 +55,9 @@ def samples_for(states, inputs, count, ndim, sets):
 
 @kernel(**UNCOUNTED)
 def _farthest(ends, column, j, corner, axis, spacing, boxed):
-    """How far segments lead along an axis, in its unit, at that point of their sum that is farthest towards a corner.
+    """How far segments lead along an axis at that point of their sum that is farthest, in cells, towards a corner.
 
-    Distances are counted in cells of `spacing` (ndim,). boxed : as if each segment were the box around it.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there. j : the input. corner : a bit
-        for each axis, the first one highest; 1 is the upper side.
+    corner : a bit for each axis, the first one highest; 1 is the upper side. boxed : as if each segment were its box.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -94,13 +83,9 @@ def _clip_and_wrap(x, axis, lattice, faces):
 
 @kernel(**UNCOUNTED)
 def _place_corners(at, state, j, ends, column, lattice, faces, points, past):
-    """Write the 2^ndim corners of the sum of a box and segments of input j around a state to points[at:].
+    """Write the 2^ndim corners of the sum of a box and segments of input j around a state to points[at:], in place.
 
-    And to past[at:] 1 where a corner is behind a safe end, else 0. The segments count as boxes where a wall may hold a
-    state (`is_held`).
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there. lattice, faces (6 ndim,) : between which
-        corners are clipped, as in `_clip_and_wrap`.
+    And to past[at:] 1 where a corner is behind a safe end, else 0. Segments count as boxes where a wall may hold it.
     """
     # A function of its own, as otherwise all boxes would pay for it in `place_points`.
     ndim = state.size
@@ -117,13 +102,9 @@ def _place_corners(at, state, j, ends, column, lattice, faces, points, past):
 
 @kernel(**UNCOUNTED)
 def _place_cut_corners(at, state, j, ends, column, normals, lattice, faces, points, past):
-    """Write where planes first cut the lines from the middle of input j's box to its corners to points[at:].
+    """Write where planes first cut the lines from the middle of input j's box to its corners to points[at:], in place.
 
-    2^ndim points; the corner itself where no plane cuts its line, or a wall may hold a state. And to past[at:] 1 where
-    a point is behind a safe end, else 0.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there. normals (K, ndim) : of the planes.
-    lattice, faces (6 ndim,) : between which points are clipped, as in `_clip_and_wrap`.
+    2^ndim points; the corner itself where no plane cuts its line, or a wall may hold a state.
     """
     ndim = state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
@@ -148,16 +129,10 @@ def _place_cut_corners(at, state, j, ends, column, normals, lattice, faces, poin
 
 @kernel(**UNCOUNTED)
 def place_points(at, state, j, ends, column, normals, lattice, times, faces, points, past):
-    """Write the points at which the true sets are evaluated for input j from a state to points[at:], with their times.
+    """Write the points at which the true sets are evaluated for input j from a state, and times, to points[at:].
 
-    These are the path without an adversary, the state, and the corners of what the input leads to. To past[at:] 1 is
-    written where a point is behind a safe end of the lattice, and from then on along the path; -1 where the path is
-    past an unsafe end; else 0.
-
-    With one time only the state is looked at.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there. normals (K, ndim) : of planes, or None.
-    times : of the points. faces (6 ndim,) : between which they are clipped, as in `_clip_and_wrap`.
+    The path without an adversary, the state, and the corners of what the input leads to; with one time only the state.
+    To past[at:] 1 from a safe end on, -1 where the path is past an unsafe one, else 0.
     """
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
@@ -188,12 +163,8 @@ def place_points(at, state, j, ends, column, normals, lattice, times, faces, poi
 def next_input(known, safe, scores, margins, hazard, first):
     """The number of the input to look at next; if it has a verdict already, it is the answer.
 
-    Of the safe inputs that have not failed that of least score, of equals that of least margin. Where there is none,
-    `first`, the best by the tubes; where that has failed, of those that have not the one for which the larger of margin
-    and hazard is least; else `first`. Nothing is written.
-
-    known (L,) : `UNKNOWN`, `PASSES` or `FAILS`. safe (L,) : bool. scores, margins, hazard (L,) : the preference, the
-        margin and the avoid tube of each input, less is better.
+    The safe input that has not failed of least score, of equals of least margin; else `first`, the best by the tubes;
+    where that has failed, the one that has not with the least of the larger of margin and hazard.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
@@ -212,18 +183,10 @@ def next_input(known, safe, scores, margins, hazard, first):
 
 @kernel(nogil=True, **UNCOUNTED)
 def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
-    """Write for each state that waits the input to look at next to `best`, and its points to `samples`.
+    """Write for each state that waits the input to look at next to `best`, and its points to `samples`, in place.
 
-    Returns how many states still wait, which are first in the queue then; the answer of the others is final. After
-    `propose`, `unsafe_values` and `target_values` have to be filled (`evaluate`), and `judge` called, until no state
-    waits.
-
-    waiting : how many wait; -1 at first: all whose to_go is at least 0. Where nothing is to be looked at (there are no
-        times), all inputs pass.
-    within : inputs are judged for as many steps to go, at least. states (M, ndim), rows (R,) : all states, and the
-        numbers of those at hand.
-    ints, floats : what is `packed` of the problem. leads : a `Leads`. out : an `Answers`. samples : a `Samples`, in
-        place.
+    Returns how many states still wait, first in the queue then; the answer of the others is final. Next `evaluate`
+    fills in values, and `judge` is called, until none waits. waiting : -1 at first: all whose to_go is at least 0.
     """
     to_go, safe, margins, best = out
     queue, verdicts, hazard, points, past, _, _ = samples
@@ -234,6 +197,7 @@ def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
         for r in range(rows.size):
             if to_go[rows[r]] >= 0:
                 queue[0, some], queue[1, r], queue[2, r] = r, best[rows[r]], max(to_go[rows[r]], within) - 1
+                # without times nothing is to be looked at
                 verdicts[r], hazard[r] = UNKNOWN if times.size else PASSES, np.inf
                 some += 1
         waiting, some = some, 0
@@ -253,12 +217,8 @@ def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
 def heed_inputs(waiting, rows, count, under, best, samples):
     """Undo in `samples`, in place, what sets that are unsafe under some inputs say of other inputs and of states.
 
-    For the first `waiting` states in the queue. What such a set says of the state itself is said of the first point of
-    the path in its place: the input fails, the state is not lost.
-
-    rows (R,), best (M,) : the numbers of the states at hand, and for each state the input that is looked at.
-    count : how many points each state has. under (sets * L,) : for each set and input 1 or 0, or -1 where the set is
-        unsafe under all; of length 0 if all sets are. samples : a `Samples`, filled by `evaluate`.
+    What such a set says of the state is said of the first point of the path: the input fails, the state is not lost.
+    under (sets * L,) : for each set and input 1 or 0, or -1 where the set is unsafe under all; or (0,).
     """
     queue, verdicts, past, unsafe_values = samples.queue, samples.verdicts, samples.past, samples.unsafe_values
     last = CHECKED_INSTANTS if count > 1 else 0
@@ -278,19 +238,10 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 def judge(waiting, rows, checks, count, out, samples):
     """Undo in `out` what the values in `samples` refute of the first `waiting` states in the queue; note verdicts.
 
-    Judged is, for state m, the input best[m], by the points that `propose` has written and the values that `evaluate`
-    has filled in. It fails, and is not safe then, if a point but the state itself is past an unsafe end or in an unsafe
-    set or, with no steps to go after the interval, a corner is not in the target; what is behind a safe end is fine. A
-    state in an unsafe set is lost: to_go is -1. One that is not in the target but had no steps to go has one then; with
-    count = 1 it is lost, as there is no interval left.
+    The input best[m] fails if a point but the state itself is past an unsafe end or in an unsafe set or, with no steps
+    to go after the interval, a corner is not in the target. A state in an unsafe set is lost: to_go is -1.
 
-    Returns how many wait for another input, because the one that was judged has failed; these are first in the queue
-    then. A lost state waits for none, but with `TRUE_SETS_ONLY`.
-
-    waiting : how many states wait. rows (R,) : the numbers of the states at hand. checks : `TRUE_SETS_TOO`, or
-        `TRUE_SETS_ONLY`: then of a lost state only to_go says so, and safe, margins and best are not reset.
-    count : how many points each state has, 1 for the state alone.
-    out : an `Answers`, in place. samples : a `Samples`; verdicts and queue are written.
+    Returns how many wait for another input, as theirs has failed; these are first in the queue then.
     """
     to_go, safe, margins, best = out
     queue, verdicts, _, _, past, unsafe_values, target_values = samples
@@ -304,9 +255,11 @@ def judge(waiting, rows, checks, count, out, samples):
                 fine &= unsafe_values[p, v] > 0.0
             if v > at and queue[2, r] == 0:
                 fine &= target_values[0, v] <= 0.0
+            # what is behind a safe end is fine
             fine |= past[v] > 0
             lost, passes = lost | ((v == at) & (not fine)), passes & (fine | (v == at))
         if to_go[m] == 0 and target_values[0, at] > 0.0:
+            # it had no steps to go and needs one; with one point there is no interval left
             to_go[m], lost = 1, lost | (count == 1)
         verdicts[r, j] = PASSES if passes else FAILS
         if lost:
@@ -324,12 +277,7 @@ def judge(waiting, rows, checks, count, out, samples):
 def evaluate(waiting, rows, ints, floats, times, out, samples, work):
     """Play the unsafe sets, and the target where it matters, at the points of the first `waiting` states in the queue.
 
-    Writes their values to `unsafe_values` and `target_values` of `samples`, with what `heed_inputs` undoes; returns
-    whether all are finite. If not, not all are written.
-
-    waiting : how many states wait. rows (R,) : the numbers of the states at hand. ints, floats : what is
-        `packed` of the problem. times (count,) : of the points of a state. out : an `Answers`. samples : a `Samples`,
-        with the points of `propose`. work : a `Work` with room for both tapes.
+    Writes `unsafe_values` and `target_values`, with what `heed_inputs` undoes; returns whether all are finite.
     """
     # The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     queue, points, target_values, none = samples.queue, samples.points, samples.target_values, np.int64(0)

@@ -33,91 +33,66 @@ AT_TARGET = AT_UNSAFE + TABLES + 1
 
 
 class StoredTubes(NamedTuple):
-    """A look-up table as compiled code reads it, every function on a grid flat, in an array of `size` nodes.
+    """A look-up table as compiled code reads it, every function on a grid flat, in an array of `size` nodes."""
 
-    steps : N.
-    index : (entries,), the index of each (start, within) in tubes and marks.
-    tubes, marks : (T, size), the level-set functions, and (T, bytes, size) uint8, a bit for each input.
-    static, static_axes : the avoid tubes of sets that stand still, (L, size of the subgrid), and the subgrid's axes.
-    moving, moving_axes : those of sets that move, (steps * L, size of the subgrid), and the subgrid's axes.
-    """
-
-    steps: int
-    index: Any
+    steps: int  # N
+    index: Any  # (entries,): the index of each (start, within) in tubes and marks
+    # (T, size): the level-set functions, and (T, bytes, size) uint8, a bit for each input
     tubes: Any
     marks: Any
+    # the avoid tubes of sets that stand still, (L, size of the subgrid), and the subgrid's axes
     static: Any
     static_axes: Any
+    # those of sets that move, (steps * L, size of the subgrid), and the subgrid's axes
     moving: Any
     moving_axes: Any
 
 
 class Leads(NamedTuple):
-    """What each input can lead to, and which inputs are preferred.
+    """What each input can lead to, and which inputs are preferred."""
 
-    ends : (4 + K, L, ndim, 1 or R), relative to the state: the lower and the upper corner of a box that, with K
-        segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
-        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where states are in no sum of
-        a box and segments, but between planes: behind the path the greatest n . x for each normal n, `ndim` of these in
-        a term.
-    scores : (M, L), the safe input of least score is preferred, of equals that of least margin.
-    normals : (K', ndim), of the planes, or None.
-    """
-
+    # (4 + K, L, ndim, 1 or R): relative to the state, a column for each: the lower and the upper corner of a box that,
+    # with K segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
+    # share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where states are between
+    # planes: behind the path the greatest n . x for each normal n, `ndim` of these in a term.
     ends: Any
-    scores: Any
-    normals: Any
+    scores: Any  # (M, L): the safe input of least score is preferred, of equals that of least margin
+    normals: Any  # (K', ndim): of the planes, or None
 
 
 class Answers(NamedTuple):
-    """What look-ups say of M states: written in place.
+    """What look-ups say of M states: written in place."""
 
-    to_go : (M,), the fewest steps to go, -1 where no tube holds the state. safe : (M, L), False there and at the last
-        step. margins : (M, L), inf there. best : (M,), the preferred input, -1 there.
-    """
-
-    to_go: Any
-    safe: Any
-    margins: Any
-    best: Any
+    to_go: Any  # (M,): the fewest steps to go, -1 where no tube holds the state
+    safe: Any  # (M, L): False there and at the last step
+    margins: Any  # (M, L): inf there
+    best: Any  # (M,): the preferred input, -1 there
 
 
 class LookupScratch(NamedTuple):
-    """Arrays that a look-up overwrites; made by `working_room`.
+    """Arrays that a look-up overwrites; made by `working_room`."""
 
-    hull : (R, 2, ndim), the box that holds the boxes of all inputs, for each state, or one for all.
-    axes : (ndim,), the numbers of all axes.
-    index, weight : (2, 2^ndim), nodes around a state. marked : (L,), whether all of these mark an input.
-    begin : (ndim,), of a block the first node on each axis, in `order`. rest : (ndim + 1,), how many nodes that axis
-        and those behind it have. offsets : (size,), where its nodes are on the grid.
-    values : (2 size,); what is left when the maxima along the axes before axis a are taken begins at values[rest[a]],
-        behind all that is left later.
-    moved : (2 + K, L, ndim, 1). With segments the boxes around one point of their sum, and in [2 + k, j, 0] how many
-        points of segment k are looked at; with planes the boxes around one slab of what lies between them, and in [2,
-        j] into how many slabs it is cut along each axis.
-    held : (2 ndim,), walls.
-    """
-
-    hull: Any
-    axes: Any
+    hull: Any  # (R, 2, ndim): the box that holds the boxes of all inputs, for each state, or one for all
+    axes: Any  # (ndim,): the numbers of all axes
+    # (2, 2^ndim): nodes around a state
     index: Any
     weight: Any
-    marked: Any
-    begin: Any
-    rest: Any
-    offsets: Any
+    marked: Any  # (L,): whether all of these mark an input
+    begin: Any  # (ndim,): of a block the first node on each axis, in `order`
+    rest: Any  # (ndim + 1,): how many nodes that axis and those behind it have
+    offsets: Any  # (size,): where its nodes are on the grid
+    # (2 size,): what is left when the maxima along the axes before axis a are taken begins at values[rest[a]], behind
+    # all that is left later
     values: Any
+    # (2 + K, L, ndim, 1): with segments the boxes around one point of their sum, and in [2 + k, j, 0] how many points
+    # of segment k are looked at; with planes the boxes around one slab, and in [2, j] how many slabs along each axis
     moved: Any
-    held: Any
+    held: Any  # (2 ndim,): walls
 
 
 @kernel(**UNCOUNTED)
 def _fewest_steps(stored_tubes, first, most, index, weight, count):
-    """The fewest n in 0..most whose interpolated tube, entry first + n of `stored_tubes`, is <= 0; -1 for none.
-
-    By bisection, as tubes grow with n. first : an index into `stored_tubes.index`. index, weight, count : the nodes
-    around the state, of `interpolation.nodes_around`.
-    """
+    """The fewest n <= most whose interpolated tube, entry first + n, is <= 0, or -1; by bisection: tubes grow."""
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
     low, high = 0, most
@@ -132,10 +107,7 @@ def _fewest_steps(stored_tubes, first, most, index, weight, count):
 
 @kernel(**UNCOUNTED)
 def _marked_by_all(marks, place, index, count, marked):
-    """marked[j] = whether each of `count` nodes around a state marks u_j in a tube; marked (L,), in place.
-
-    index : the flat numbers of these nodes. marks[place] (bytes, size) uint8 : the tube's marks, a bit for each input.
-    """
+    """marked[j] = whether each of `count` nodes around a state marks u_j in marks[place], (bytes, size); in place."""
     for byte in range(marks.shape[1]):
         bits = np.uint8(255)
         for c in range(count):
@@ -148,8 +120,7 @@ def _marked_by_all(marks, place, index, count, marked):
 def _gather(values, state, column, order, lattice, scratch):
     """Copy values (size,) at the nodes that the box hull[column] around a state touches to scratch.values[rest[0]:].
 
-    The axis order[0] is slowest. Sets begin, rest and offsets of the `LookupScratch` as well, whose arrays must have
-    room for all of these nodes (`hull_of`). lattice : the grid.
+    The axis order[0] is slowest. Sets begin, rest and offsets as well; there must be room for all nodes (`hull_of`).
     """
     offsets, rest = scratch.offsets, scratch.rest
     offsets[0], rest[state.size] = 0, 1
@@ -174,8 +145,9 @@ def _maximum_along_axis(values, source, nodes, rest, near, far):
     """The maximum of the interpolant over an interval along the leading axis of values[source:], (nodes, rest), flat.
 
     Written to values[rest:], (rest,). near, far : the weight of the second node at the interval's low end, and of the
-    last node at its high end. Views, because loops over them vectorise.
+    last node at its high end.
     """
+    # views, because loops over them vectorise
     last = source + (nodes - 1) * rest
     first, second = values[source : source + rest], values[source + rest : source + 2 * rest]
     before_last, final = values[last - rest : last], values[last : last + rest]
@@ -192,10 +164,7 @@ def _maximum_along_axis(values, source, nodes, rest, near, far):
 
 @kernel(**UNCOUNTED)
 def _spread(ends, column, j, axis):
-    """How far the segments of input j together lead along an axis to either side: sum of |half|, 0 without any.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there.
-    """
+    """How far the segments of input j together lead along an axis to either side: sum of |half|, 0 without any."""
     far = 0.0
     for k in range(PATH, ends.shape[0]):
         far += abs(ends[k, j, axis, column])
@@ -206,10 +175,8 @@ def _spread(ends, column, j, axis):
 def is_held(state, ends, column, j, held):
     """Whether input j may lead past a wall: then a state may end outside the sum of its segments, or its planes.
 
-    held (2 ndim,) : the lower walls, then the upper ones, infinite where there are none.
-    ends : what inputs lead to (`Leads`); for planes its first `PATH` terms, the box, alone. With segments,
-        axes along which none of them leads do not count.
-    column : the state's in `ends`. j : the input.
+    held (2 ndim,) : lower walls, then upper ones, infinite for none. For planes `ends` is the box alone (`PATH` terms);
+        with segments, axes along which none of them leads do not count.
     """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
@@ -223,10 +190,8 @@ def is_held(state, ends, column, j, held):
 def _count_points(state, ends, column, lattice, scratch):
     """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken.
 
-    Returns the most points that the sum of one input's segments has. Points are no farther apart than half a cell of
-    the lattice. The box is taken where there would be more than `MOST_POINTS`, or a wall may hold a state.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there. scratch : a `LookupScratch`.
+    Returns the most points of the sum of one input's segments, no farther apart than half a cell. The box is taken
+    where there would be more than `MOST_POINTS`, or a wall may hold a state.
     """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
@@ -247,10 +212,7 @@ def _count_points(state, ends, column, lattice, scratch):
 def _write_boxes_at_point(point, ends, column, scratch):
     """Write to scratch.moved[:2] the boxes of all inputs around point number `point` of the sum of their segments.
 
-    Where an input's box is taken, as `_count_points` has written to `scratch`, around the whole of its segments.
-
-    point : from 0 on; an input with fewer points is looked at again at earlier ones. ends, column : what inputs lead to
-        (`Leads`), and the state's column there.
+    An input with fewer points is looked at again at earlier ones; where its box is taken, around all its segments.
     """
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
@@ -273,10 +235,7 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
     """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis, for each input.
 
     0 where its box is taken. Returns (last, most): the last axis that a plane is not parallel to, along which there is
-    one slab, and the most slabs of an input. Slabs are a quarter of a cell of the lattice thick.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there. normals (K, ndim) : of the
-        planes. scratch : a `LookupScratch`.
+    one slab, and the most slabs of an input.
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
     for k in range(normals.shape[0]):
@@ -301,9 +260,6 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
     """Write to moved[:2] the boxes of all inputs around slab number `slab` of what lies between their planes.
 
     Where nothing lies in the slab, the middle of the box, which is always between the planes.
-
-    last, moved[2] : as `_count_slabs` returned and wrote them. ends, column : what inputs lead to (`Leads`),
-        and the state's column there. normals (K, ndim) : of the planes. lattice : the grid.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -337,14 +293,8 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
 def _worst_values(values, state, ends, column, normals, order, lattice, scratch, out):
     """out[j] = the maximum of the interpolated values (size,) over what input j leads to from a state: its margin.
 
-    What it leads to is a box or, where something moves several axes, the sum of a box and segments, points of which are
-    looked at, or what lies between planes, cut into slabs; the box around these where a wall may hold a state, or there
-    are too many.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there.
-    normals (K, ndim) : of the planes; None where states are not between planes.
-    order : in which maxima are taken along the axes. lattice : the grid. scratch : a `LookupScratch` whose hull holds
-        all boxes. out (L,) : overwritten.
+    That is a box, the sum of a box and segments, points of which are looked at, or what lies between planes, cut into
+    slabs; the box around these where a wall may hold a state, or there are too many.
     """
     # What is for planes alone is not compiled where normals is None.
     _gather(values, state, column, order, lattice, scratch)
@@ -367,13 +317,8 @@ def _worst_values(values, state, ends, column, normals, order, lattice, scratch,
 def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
     """Raise out[j] to the maximum, over the box of input j around a state, of the values that `_gather` has copied.
 
-    The maximum of the interpolant is taken axis by axis, in `order`, as in `sdhj.solver.hopf_lax`, so it errs to the
-    safe side. +inf for a box that goes past an unsafe end of the lattice; nothing is raised for one that is past a safe
-    end as a whole.
-
-    ends[:2], column : the boxes, lower and upper corners (L, ndim, columns) relative to the state, and the state's
-        column there. order : the axes, as for `_gather`. scratch : as `_gather` left it; `values` is overwritten. out
-        (L,).
+    Axis by axis, in `order`, as in `sdhj.solver.hopf_lax`, so it errs to the safe side. +inf for a box that goes past
+    an unsafe end of the lattice; nothing is raised for one that is past a safe end as a whole.
     """
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
@@ -397,9 +342,7 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 def _hazard(stored_tubes, step, j, scratch, still, moving):
     """The interpolated avoid tube of input j over the interval from a step: <= 0 where the input is safe.
 
-    The larger of the static and the moving one of `stored_tubes`.
-
-    still, moving : how many nodes around the state, of `nodes_around`, scratch.index and weight have for each.
+    still, moving : how many nodes scratch.index and scratch.weight have for the static and the moving one.
     """
     value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
@@ -413,8 +356,6 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
     An input is safe by marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the
     safe one of least margin; where none is safe, the one whose larger of margin and avoid tube is least, among those
     that are marked if any is. See `notebooks/site/code.md`.
-
-    margin (L,) : of each input. scratch : a `LookupScratch`, with `marked` as `_marked_by_all` wrote it.
     """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
@@ -442,13 +383,7 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
 
 @kernel(**UNCOUNTED)
 def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order, lattice, scratch, out):
-    """Write to entry m of `out` the answers for the state states[m] by the tubes alone, not by the true sets.
-
-    within : at least 1. ends, column : what inputs lead to (`Leads`), and the state's column there. normals : of
-        planes, or None.
-    order : in which maxima are taken along the axes. lattice : the grid. scratch : a `LookupScratch` whose hull holds
-        the boxes. out : an `Answers`.
-    """
+    """Write to entry m of `out` the answers for states[m] by the tubes alone, not by the true sets; within >= 1."""
     to_go, safe, margins, best = out
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
@@ -469,12 +404,9 @@ def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order
 
 @kernel(**UNCOUNTED)
 def hull_of(ends, column, spacing, hull):
-    """Write to hull (2, ndim) the box that holds those of all inputs, segments included.
+    """Write to hull (2, ndim) the box that holds those of all inputs, segments included; for planes of `PATH` terms.
 
-    Returns an upper bound on how many nodes it touches, with one more on each axis.
-
-    ends, column : what inputs lead to (`Leads`), and the state's column there; for planes its first `PATH`
-        terms alone. spacing (ndim,) : of the nodes.
+    Returns an upper bound on how many nodes it touches, with one more on each axis; spacing (ndim,) : of the nodes.
     """
     size = 1.0
     for axis in range(ends.shape[2]):
@@ -490,10 +422,7 @@ def hull_of(ends, column, spacing, hull):
 
 @kernel(**UNCOUNTED)
 def hazards(stored_tubes, step, state, lattice, scratch, out):
-    """out[j] = the interpolated avoid tube of u_j at a state (ndim,) over the interval from a step; <= 0: u_j is safe.
-
-    The state must be finite. scratch.index and scratch.weight are overwritten.
-    """
+    """out[j] = the interpolated avoid tube of u_j at a finite state over an interval, in place; <= 0: safe."""
     still = nodes_around(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
     moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):
@@ -511,10 +440,7 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """A new `LookupScratch` for one thread.
-
-    columns : how many hulls it has. size : how many nodes a block has room for. segments : K. held (2 ndim,) : walls.
-    """
+    """A new `LookupScratch` for one thread, with room for `size` nodes of a block."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
@@ -526,12 +452,9 @@ def working_room(columns, ndim, inputs, size, segments, held):
 
 @kernel(nogil=True)
 def avoid_values(states, step, ints, floats, static, moving, out):
-    """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step.
+    """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step; out (M, L), in place.
 
-    Beyond an end of the grid, that at the end.
-
-    states (M, ndim) : finite. ints, floats : what is `packed` of the problem at this step. static, moving : as in
-        `StoredTubes`. out (M, L) : overwritten.
+    states (M, ndim) : finite. Beyond an end of the grid, that at the end. static, moving : as in `StoredTubes`.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
@@ -543,11 +466,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found):
-    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `nodes_around` and `weighted`.
+    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), of at most BLOCK points, in loops that vectorise.
 
-    In loops that vectorise.
-
-    row, found : (m,), of at most BLOCK points. lattice : the grid.
     sides (2, BLOCK), index (2^ndim, BLOCK), share (1, BLOCK), weight (2^ndim, BLOCK) : overwritten.
     """
     here, there, count = sides[0], sides[1], found.size
@@ -572,10 +492,9 @@ def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found
 
 @kernel(nogil=True)
 def tube_values(points, places, tubes, ints, floats, out):
-    """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond an end of the grid, that at the end.
+    """out[m, v] = the interpolated tubes[places[m]] at points[m, v], finite; beyond an end of the grid, at the end.
 
-    points (M, V, ndim) : finite. places (M,) : indices into tubes (T, size). ints, floats : in which a lattice is
-        packed. out (M, V) : overwritten.
+    points (M, V, ndim), tubes (T, size), out (M, V), in place. ints, floats : in which a lattice is packed.
     """
     (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)

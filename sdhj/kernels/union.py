@@ -23,16 +23,13 @@ class AvoidRows(NamedTuple):
     """The avoid tubes of all L inputs, > 0 in danger, as rows of nodes along the grid's last axis.
 
     The avoid tube of a row of the grid is the maximum of its static row, the same at all steps, and its moving row.
-
-    highest : (L, r), the greatest value of each static row.
-    static : (L, r, B), r different rows of as many nodes as the grid's; or (L, r, 1), one value for each whole row.
-    static_at : (R,), for each of the grid's R rows the number of its row in `static`.
-    moving, moving_at : likewise, for one step; r is another number there.
     """
 
-    highest: FloatArray
+    highest: FloatArray  # (L, r): the greatest value of each static row
+    # (L, r, B): r different rows of as many nodes as the grid's; or (L, r, 1), one value for each whole row
     static: FloatArray
-    static_at: FloatArray
+    static_at: FloatArray  # (R,): for each of the grid's R rows the number of its row in `static`
+    # likewise, for one step; r is another number there
     moving: FloatArray
     moving_at: FloatArray
 
@@ -53,10 +50,7 @@ class InPieces(NamedTuple):
 
 @_inlined
 def _write_reach_row(out, reach_sets, j, row):
-    """Write row number `row` of the reach set of an input to out (B + PAST,), in place.
-
-    j : the input's number among those in `reach_sets`, which are as for `add_inputs`.
-    """
+    """Write row number `row` of the reach set of an input, the j-th in `reach_sets`, to out (B + PAST,), in place."""
     if len(reach_sets) == 5:  # an `InPieces`; this is decided when it is compiled
         _write_minimum_row(out, reach_sets, j, row)
     else:
@@ -66,11 +60,7 @@ def _write_reach_row(out, reach_sets, j, row):
 
 @kernel(**UNCOUNTED)
 def _write_maximum_row(out, values, leaves, j, row):
-    """Write row number `row` of a reach set, a maximum over intervals of `values`, to out (B,), in place.
-
-    leaves : the `Leaves`; j : the number of the leaf, which is that of the input. values : as for
-        `maximum_of_intervals`.
-    """
+    """Write a row of a reach set, the maximum over the intervals of leaf j of `values`, to out (B,), in place."""
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
     source = values[leaves.parent[j], node // leaves.taps.shape[1]]
@@ -79,12 +69,9 @@ def _write_maximum_row(out, values, leaves, j, row):
 
 @kernel(**UNCOUNTED)
 def _write_minimum_row(out, reach_sets, j, row):
-    """Write row number `row` of a reach set, the minimum of some pieces, to out (B + PAST,), in place.
-
-    Line by line, in whole vectors: what is written beyond a line's end is overwritten by the next line. reach_sets : an
-    `InPieces`. j : the number of the input among them.
-    """
+    """Write row number `row` of a reach set, the least of some pieces (`InPieces`), to out (B + PAST,), in place."""
     values, begin, at, width, nodes = reach_sets
+    # line by line, in whole vectors: what is written beyond a line's end is overwritten by the next line
     lines = (out.size - PAST) // nodes
     whole = nodes if lines == 1 else -(-nodes // EIGHT) * EIGHT
     for line in range(lines):
@@ -112,11 +99,10 @@ def _write_minimum_row(out, reach_sets, j, row):
 
 @kernel(**UNCOUNTED)
 def _raise_row(out, bound, highest, row_value):
-    """Raise a row, out (B,), to a bound in place, or return the greater of `row_value` and a bound of one value.
+    """Raise a row, out (B,), to a bound in place; to a bound of one value, return the greater of it and `row_value`.
 
-    The row is raised where the bound has a value for each node, `highest` being the greatest of these; where the bound
-    has one value for all nodes, the greater of it and `row_value`, which has been found for them before, is returned. A
-    bound that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
+    A bound that is nowhere higher than the row, as its greatest value, `highest`, tells, is not even read: most of the
+    time goes there.
     """
     if bound.size < out.size:
         return bound[0] if bound[0] > row_value else row_value
@@ -133,10 +119,10 @@ def _raise_row(out, bound, highest, row_value):
 def _join(tube, marks, reach_sets, row_values):
     """tube = min(tube, v_q), and bit q of marks where v_q <= 0: v_q = max(reach_sets[q], row_values[q]), eight inputs.
 
-    In place, for one row: tube (B,), marks (B,), reach_sets (8, at least B), row_values (8,). Marks are computed in
-    lanes as wide as the values, or the loop would not be vectorised.
+    In place, for one row: tube (B,), marks (B,), reach_sets (8, at least B), row_values (8,).
     """
     for i in range(tube.size):
+        # in lanes as wide as the values, or the loop would not be vectorised
         best, found = tube[i], np.int32(0)
         for q in range(EIGHT):
             value = reach_sets[q, i] if reach_sets[q, i] > row_values[q] else row_values[q]
@@ -148,11 +134,7 @@ def _join(tube, marks, reach_sets, row_values):
 
 @kernel(**UNCOUNTED)
 def _add_to_row(tube, marks, reach_sets, first, end, avoid_rows, before, row, found, row_values):
-    """Do what `add_inputs` does, whose arguments these are, for row number `row` and some inputs, in place.
-
-    first, end : the inputs from first to end - 1; reach_sets are of the inputs from first on.
-    found (8, B + PAST), row_values (8,) : overwritten.
-    """
+    """Do what `add_inputs` does, for row number `row` and the inputs from `first` to end - 1, in place."""
     size = tube.shape[1]
     for i in range(size):
         tube[row, i] = before[row, i]
@@ -174,10 +156,9 @@ def _add_to_row(tube, marks, reach_sets, first, end, avoid_rows, before, row, fo
 def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before):
     """tube = min(before, max(reach_j, avoid_j)) for `count` inputs j from `first` on, and marks where max(...) <= 0.
 
-    tube (R, B), marks (bytes, R, B) uint8 : the grid in rows, both modified in place. before (R, B) : may be `tube`.
-    reach_sets : of the inputs from `first` on, an `InPieces`; or (values, *leaves), as `maximum_of_intervals` takes
-        them: rows are parts of what lies behind the axis of the intervals.
-    avoid_rows : the `AvoidRows`.
+    tube (R, B), marks (bytes, R, B) : the grid in rows, both in place. before (R, B) : may be `tube`. reach_sets : of
+        the inputs from `first` on, an `InPieces`; or (values, *leaves), as `maximum_of_intervals` takes them: rows are
+        parts of what lies behind the axis of the intervals.
     """
     rows, size = tube.shape
     blocks = min(rows, BLOCKS)

@@ -16,10 +16,8 @@ from sdhj.kernels.stencils import begins_of_clear, cell_of, is_clear
 def united_along(boxes, first, last, fine, periodic, out):
     """out[a, i] = OR of boxes[a, b] over the boxes b from fine i + first to fine i + last of an axis, both included.
 
-    On a periodic axis b is taken modulo fine n; on a bounded one, clipped at its ends.
-
-    boxes (A, fine n, B), out (A, n, B) : uint64, `out` overwritten. first <= last : of cell 0, may be
-        negative. fine : how many boxes make a cell. periodic : bool.
+    boxes (A, fine n, B), out (A, n, B), overwritten. b is taken modulo fine n on a periodic axis, else clipped; first
+    <= last, of cell 0, may be negative.
     """
     (outer, count, inner), size = out.shape, boxes.shape[1]
     for task in prange(outer * count):
@@ -35,10 +33,8 @@ def united_along(boxes, first, last, fine, periodic, out):
 def united_in_words(planes, first, last, out):
     """Bit i of out[a] = OR of bits i + (box // fine) of planes[a, box % fine] over first <= box <= last.
 
-    So `united_along` along the packed axis: box fine i + m of it is bit i of plane m.
-
-    planes (A, fine, margin + W + margin), out (A, W) : uint64, `out` overwritten; `with_beyond` has written what is in
-        the margins, which hold all bits that are asked for. first, last : of cell 0.
+    So `united_along` along the packed axis: box fine i + m of it is bit i of plane m. planes (A, fine, margin + W +
+    margin) of `with_beyond`, out (A, W), overwritten.
     """
     (rows, fine, more), words = planes.shape, out.shape[1]
     start = 32 * (more - words)  # half of what is more is before
@@ -52,9 +48,8 @@ def united_in_words(planes, first, last, out):
 
 @kernel(parallel=True)
 def clear_inputs_that_meet(clear, begin, met, count):
-    """Clear the bits of inputs under which cells are met: bit j % 8 of byte j // 8, where met[j] has the cell's bit.
+    """Clear bit j % 8 of byte j // 8 of clear (cells, bytes), in place, where met[j], (L, rows, W), has the cell's bit.
 
-    clear (cells, bytes) : uint8, modified in place. met (L, rows, W) : uint64, a bit for each cell of a row.
     begin (rows,) : the number of the first cell of each row. count : how many cells a row has.
     """
     inputs, rows, words = met.shape
@@ -77,8 +72,7 @@ def clear_inputs_that_meet(clear, begin, met, count):
 def add_predecessors(missing, clear, inputs, wanted, led, counts):
     """Set in `led` the bits of the wanted cells that are not in `missing` and from which one of some inputs is clear.
 
-    missing, wanted, led (rows, W) : uint64, a bit for each cell of a row; `led` is modified in place. clear : the
-        `Clear`. inputs (n,) : their numbers. counts (ndim,) : of cells.
+    missing, wanted, led (rows, W), led in place. inputs (n,) : their numbers. counts (ndim,) : of cells.
     """
     (rows, words), count = led.shape, counts[counts.size - 1]
     for row in prange(rows):
@@ -99,12 +93,10 @@ def add_predecessors(missing, clear, inputs, wanted, led, counts):
 
 @kernel(parallel=True)
 def with_beyond(planes, count, far, periodic, out):
-    """Write planes to `out` with the bits up to `far` before and behind their `count` bits.
+    """Write planes to `out` with the bits up to `far`, at most a margin, before and behind their `count` bits.
 
-    These are of the next lap on a periodic axis; on a bounded one, the box at its end, repeated.
-
-    planes (A, fine, W) : uint64; box fine i + m of the axis is bit i of plane m. out (A, fine, margin + W + margin) :
-        uint64, overwritten; `far` is at most as many bits as the margin has, which is not checked.
+    These are of the next lap on a periodic axis; on a bounded one, the box at its end, repeated. planes (A, fine, W),
+    out (A, fine, margin + W + margin), overwritten.
     """
     rows, fine, words = planes.shape
     margin = 32 * (out.shape[2] - words)

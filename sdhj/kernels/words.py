@@ -17,7 +17,7 @@ SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, wh
 
 @kernel(inline="always")
 def number_of(cell, counts):
-    """The flat number of a cell (ndim,), indices on axes with counts (ndim,) cells, the last axis fastest."""
+    """The flat number of a cell (ndim,), the last axis fastest."""
     number = 0
     for axis in range(cell.size):
         number = number * counts[axis] + cell[axis]
@@ -38,17 +38,13 @@ def slot_of(number, keys):
 
 @kernel(nogil=True)
 def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen, missing):
-    """Write what the words say of the cells within slack (ndim,) of each state (M, ndim) to to_go, safe and chosen.
+    """Write what the words say of the cells within slack of states (M, ndim) to to_go, safe (M, L) and chosen.
 
-    Returns how many numbers were written to `missing`. If several cells are near a state, those count from which the
-    inputs have the fewest steps to go, at least `within`: their inputs are united, and the first one's choice is the
-    state's. Words with more than `most` steps say nothing.
+    Of several cells near a state those count from which the inputs have the fewest steps to go, at least `within`:
+    their inputs are united, and the first one's choice is the state's. Words with more than `most` steps say nothing.
+    -1 for none.
 
-    keys (K,), words (K, 2 + ...) : the hash table.
-    to_go (M,), safe (M, L), chosen (M,) : overwritten; -1 where there is nothing. Not to be used while a word is
-        missing.
-    missing (n,) : overwritten with the numbers of cells that have no word, as many as there is room for; a number may
-        come twice.
+    missing (n,) : overwritten with numbers of cells that have no word, as many as are returned; one may come twice.
     """
     lacks = 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
@@ -80,10 +76,9 @@ def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen
 
 @kernel(nogil=True)
 def store_words(numbers, some, keys, words):
-    """Keep the words some (n, ...) of the cells with flat numbers (n,) in keys and words, in place.
+    """Keep the words some (n, ...) of cells with flat numbers (n,), in place; returns how many are new.
 
-    Returns how many of these are new. At least one key more than these must be `FREE` (`slot_of`), which is not
-    checked.
+    One key more than these must be `FREE` (`slot_of`).
     """
     new = 0
     for i in range(numbers.size):
@@ -95,11 +90,7 @@ def store_words(numbers, some, keys, words):
 
 @kernel(nogil=True)
 def cells_near(states, cells, slack, rows, near):
-    """Write the cells within slack (ndim,) of states (M, ndim) to near; returns how many they are.
-
-    near (n, ndim), rows (n,) : overwritten with the cells, and with which state each is near to; 2^ndim for each state
-        is enough room.
-    """
+    """Write the cells within slack (ndim,) of states (M, ndim) to near (n, ndim), and whose to rows; returns n."""
     found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
     for m in range(states.shape[0]):
         for k in range(cells_at(states[m], cells, slack, found)):
@@ -110,11 +101,9 @@ def cells_near(states, cells, slack, rows, near):
 
 @kernel(nogil=True)
 def fewest_of_cells(some, cells, index, pool, out):
-    """out[m] = the number of the first of n nested sets that has the cell some[m]; n where none has.
+    """out[m] = the number of the first of n nested sets that has the cell some[m], of (M, ndim), n for none; in place.
 
-    some (M, ndim) : indices of cells. cells : how many there are and how they lie in rows, as for `row_and_bit`.
-    index (n, R), pool (B, W) : the numbers of the blocks of each row of the sets, each set inside the next, which is
-        not checked, and the blocks. out (M,) int64, overwritten.
+    index (n, R), pool (B, W) : as for `fewest_steps`.
     """
     for m in range(some.shape[0]):
         out[m] = first_holding(some[m], index.shape[0], cells, index, pool)
@@ -125,13 +114,10 @@ def fewest_of_cells(some, cells, index, pool, out):
 
 @kernel(nogil=True)
 def number_records(records, known, used, slots, out):
-    """out[i] = the number of records[i], of (n, bytes) uint8, among the known ones; new ones are added, in place.
+    """out[i] = the number of records[i] (bytes,) among the `used` known ones; new ones are added, in place.
 
-    Returns how many are known then, or -1 where there is no room for all: then nothing in `out` counts, and records may
-    have been added.
-
-    known (most, bytes) : of which the first `used` rows count.
-    slots (K,) int64 : a hash table of these numbers, -1 where there is none, K a power of two above `most`; in place.
+    Returns how many are known then, or -1 where there is no room: then nothing in `out` counts. slots (K,) : a hash
+    table of numbers, -1 for none, K a power of two above `most`; in place.
     """
     for i in range(records.shape[0]):
         if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are
@@ -154,13 +140,11 @@ def number_records(records, known, used, slots, out):
 
 @kernel(nogil=True)
 def pack_block(numbers, width, seen, out):
-    """Write a block's numbers (cells,) as bytes to `out`, in place; returns how many bytes these are.
+    """Write a block's numbers (cells,), at most 65535 different ones, as bytes to `out`; returns how many.
 
     In order: how many bits an entry has, a byte; the palette's length, two bytes; the palette, the different numbers in
     the order in which they come, `width` bytes each; and for each cell an entry, its number's place in the palette.
-
-    numbers : from 0 to words - 1, at most 65535 different ones. out (bytes,) uint8 : with room for all of this, which
-        is not checked. seen (words,) int64 : scratch, -1 everywhere, as it is again in the end.
+    seen (words,) : scratch, -1 everywhere, as it is again in the end.
     """
     colours = 0
     for number in numbers:

@@ -17,40 +17,31 @@ from sdhj.kernels.packed import BIT, FULL, has_bit, has_bits, set_bits
 
 
 class Disks(NamedTuple):
-    """Moving disks during the intervals of all steps, of which there are 64 at most; m, s.
+    """Moving disks during the intervals of all steps, of which there are 64 at most; m, s."""
 
-    delta, depth : the length of an interval, and how often it is halved at most; both 0 for an instant.
-    centres (2^(depth + 1) + 1, steps, disks, 2) : at evenly spaced instants of each interval, both ends among them.
-    radii, speeds (disks,) : the distance between centre and link at contact; bounds on the speed.
-    """
-
+    # the length of an interval, and how often it is halved at most; both 0 for an instant
     delta: float
     depth: int
+    # (2^(depth + 1) + 1, steps, disks, 2): at evenly spaced instants of each interval, both ends among them
     centres: FloatArray
+    # (disks,): the distance between centre and link at contact; bounds on the speed
     radii: FloatArray
     speeds: FloatArray
 
 
 class ArmMotion(NamedTuple):
-    """The images and tubes of the cells of an arm and an agent over one interval, for `arm_inputs`.
+    """The images and tubes of the cells of an arm and an agent over one interval, for `arm_inputs`."""
 
-    first, number (4, L, n) : for each axis, input and cell the first cell of its image, and how many there are; padded
-        to one length n.
-    moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and into how many parts the interval
-        is cut.
-    allowed (steps, L, n1, n2) bool : as `cells_clear` writes it.
-    arm (3,) : see `link_points`. agent : the `Agent`.
-    pursued : whether the agent is a pursuer, which the arm must not touch.
-    """
-
+    # (4, L, n): for each axis, input and cell the first cell of its image, and how many; padded to length n
     first: FloatArray
     number: FloatArray
+    # (2, L, n, parts, 6): `joint_moves` under each input, padded; (L,), into how many parts the interval is cut
     moves: FloatArray
     parts: FloatArray
-    allowed: FloatArray
-    arm: FloatArray
+    allowed: FloatArray  # (steps, L, n1, n2) bool: of `cells_clear`
+    arm: FloatArray  # (3,): see `link_points`
     agent: Agent
-    pursued: bool
+    pursued: bool  # whether the agent is a pursuer, which the arm must not touch
 
 
 # ---- the pursuer
@@ -58,13 +49,10 @@ class ArmMotion(NamedTuple):
 
 @kernel()
 def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
-    """Set the bits of the pursuer's cells from which it can meet a link (0 or 1) during one interval, in place.
+    """Set in block (W,), in place, the bits of the pursuer's cells from which it can meet a link during one interval.
 
     At the end of part m the pursuer is within prediction_error + speed * (m + 1) * delta / parts of its cell on each
     axis.
-
-    moves1, moves2 (parts, 6) : where the joints can be in each part of the interval (`joint_ends`).
-    arm (3,) : see `link_points`. agent : an `Agent`. scratch : a `LinkScratch`. block (W,) uint64 : the cells, as bits.
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
@@ -77,13 +65,9 @@ def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
 
 @kernel(parallel=True)
 def pursuer_clear(moves1, moves2, arm, agent, out):
-    """Write the pursuer's cells from which it cannot touch the arm during one interval under one input to out.
-
-    For each pair of cells of the joints.
+    """Write to out (n1, n2, W) the pursuer's cells from which it cannot touch the arm during one interval.
 
     moves1 (n1, parts, 6), moves2 (n2, parts, 6) : `joint_moves` of the two joints.
-    arm (3,), agent : see `link_points`; an `Agent`.
-    out (n1, n2, W) uint64 : overwritten.
     """
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
@@ -117,8 +101,7 @@ def joints_during(cell, tau0, tau1, scratch):
 def disks_met(disks, instant, near, wanted, arm, scratch):
     """A word with those of the `wanted` steps, as bits, in which the arm within scratch.ends may meet a disk.
 
-    instant : a number in `Disks.centres`; the disks are within a time `near`, s, of where they are then. disks :
-        `Disks`. arm (3,) : see `link_points`. scratch : a `LinkScratch`.
+    The disks are within a time `near`, s, of where they are at an `instant`, a number in `Disks.centres`.
     """
     met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
@@ -142,14 +125,10 @@ def disks_met(disks, instant, near, wanted, arm, scratch):
 
 @kernel()
 def steps_blocked(cell, disks, arm, scratch, wanted):
-    """A word of the steps, as bits, in whose interval the arm may meet a disk from a cell under one input.
+    """A word of the steps, as bits, in whose interval the arm may meet a disk from a cell (`joints_during`).
 
     The interval is halved where this stays open. Where already the arm at the middle instant may meet a disk that is
-    there, halving would not help.
-
-    cell (2, 4) : for each joint its least and greatest angle, rad, and its least and greatest velocity.
-    disks : `Disks`. arm (3,) : see `links.link_points`. scratch : a `LinkScratch`, overwritten.
-    wanted (depth + 1,) uint64 : overwritten with the steps that each level has to decide.
+    there, halving would not help. wanted (depth + 1,) : overwritten with the steps that each level has to decide.
     """
     blocked, deep, here = np.uint64(0), 0, 0
     wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
@@ -179,11 +158,8 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
 def cells_clear(ends1, ends2, velocities, disks, arm, out):
     """out[step, j, i1, i2] = whether the arm surely stays clear of moving disks from a cell of the joints under u_j.
 
-    At every time of the interval of a step.
-
-    ends1 (n1, 2), ends2 (n2, 2) : the least and the greatest angle of each cell, rad.
-    velocities (2, L, 2) : of both joints under each input, the least and the greatest.
-    disks : `Disks`. arm (3,) : see `link_points`. out (steps, L, n1, n2) bool : overwritten.
+    ends1 (n1, 2), ends2 (n2, 2) : the least and the greatest angle of each cell. velocities (2, L, 2) : likewise, of
+        both joints under each input. out (steps, L, n1, n2) : overwritten.
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
@@ -204,10 +180,9 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
 
 @kernel(parallel=True)
 def tips_within(moves1, moves2, radius, arm, agent, out):
-    """Write the cells of all four axes whose every tip is within `radius`, m, of wherever the agent may be, to out.
+    """Write to out (n1, n2, W) the cells whose every tip is within `radius` of wherever the agent may be.
 
     moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest.
-    arm (3,) : see `link_points`. agent : an `Agent`. out (n1, n2, W) uint64 : overwritten.
     """
     n1, n2, _ = out.shape
     for i1 in prange(n1):
@@ -236,10 +211,7 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
 
 @kernel()
 def image_certified(cell, j, motion, cells, index, pool):
-    """Whether the image of a cell (4,) under input j is all in a set, whose rows are the blocks pool[index].
-
-    index (n1 n2,), pool (B, W) : block 0 is the empty one. motion : an `ArmMotion`. cells : `Cells`.
-    """
+    """Whether the image of a cell (4,) under input j is all in a set, the blocks pool[index]; block 0 is empty."""
     x0, y0 = motion.first[2, j, cell[2]], motion.first[3, j, cell[3]]
     x1, y1 = x0 + motion.number[2, j, cell[2]], y0 + motion.number[3, j, cell[3]]
     n1, n2, ny = cells.counts[0], cells.counts[1], cells.counts[3]
@@ -260,12 +232,7 @@ def image_certified(cell, j, motion, cells, index, pool):
 
 @kernel()
 def pursuer_meets(cell, j, motion, scratch, block):
-    """Whether the pursuer of a cell (4,) may touch the arm under input j: `pursuer_clear`'s question for one cell.
-
-    Tested with half the margin of `pursuer_clear`.
-
-    motion : an `ArmMotion`. scratch, block : a `LinkScratch` and (W,) uint64, overwritten.
-    """
+    """Whether the pursuer of a cell (4,) may touch the arm under input j, by half the margin of `pursuer_clear`."""
     # So a difference in rounding between the two never takes from a certified cell the input it was certified with.
     agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
     bit = cell[2] * agent.ny + cell[3]
@@ -290,17 +257,10 @@ def pursuer_meets(cell, j, motion, scratch, block):
 
 @kernel(nogil=True)
 def arm_inputs(some, steps_left, step, cells, motion, sets, pool, out):
-    """out[m, j] &= whether input j is certified for the cell some[m] (M, 4) with steps_left[m] steps to go; in place.
+    """out[m, j] &= whether input j is certified for the cell some[m] (4,), steps_left[m] steps to go; in place.
 
     Under it the arm stays clear of the disks and the pursuer and leads into the set with a step less, in the interval
-    from `step`.
-
-    No input is certified for steps_left[m] = 0.
-
-    some (M, 4), steps_left (M,) : the cells, and the steps to go of each. step : the number of the interval, an index
-        into motion.allowed. cells : the `Cells`. motion : an `ArmMotion`.
-    sets (n, R), pool (B, W) uint64 : the numbers of the blocks of the sets with 0, 1, ... steps to go, all later ones
-        being the last, and the blocks. out (M, L) bool : the inputs that are asked about.
+    from `step`. sets, pool, steps_left : as for `certified_inputs`.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)

@@ -39,19 +39,15 @@ class Agent(NamedTuple):
 
 
 class LinkScratch(NamedTuple):
-    """Arrays that are overwritten, for one thread; made by `allocate_scratch`.
+    """Arrays that are overwritten, for one thread; made by `allocate_scratch`."""
 
-    x, y (6,), hull_x, hull_y (12,) : points, and the corners of their hull.
-    chains (2, 12, 4) : the pieces of the upper and the lower boundary of the thick hull (`thick_chain`).
-    ends (2, 6) : of both joints (`joint_ends`).
-    """
-
+    # (6,), (12,): points, and the corners of their hull
     x: FloatArray
     y: FloatArray
     hull_x: FloatArray
     hull_y: FloatArray
-    chains: FloatArray
-    ends: FloatArray
+    chains: FloatArray  # (2, 12, 4): the pieces of the upper and the lower boundary of the thick hull (`thick_chain`)
+    ends: FloatArray  # (2, 6): of both joints (`joint_ends`)
 
 
 @kernel(forceinline=True)
@@ -72,10 +68,9 @@ def allocate_scratch():
 
 @kernel(inline="always")
 def joint_ends(low, high, slow, fast, tau0, tau1, ends):
-    """Write where a joint can be during [tau0, tau1], s, that begins in [low, high], rad, to ends (6,).
+    """Write to ends (6,) where a joint from [low, high], with a velocity in [slow, fast], can be during [tau0, tau1].
 
-    From low + min(slow tau) to high + max(fast tau), for a velocity that stays in [slow, fast]. ends : overwritten with
-    the lower end, its cosine and sine, the upper end, its cosine and sine.
+    The lower end, its cosine and sine, the upper end, its cosine and sine.
     """
     ends[0] = low + min(slow * tau0, slow * tau1)
     ends[3] = high + max(fast * tau0, fast * tau1)
@@ -85,10 +80,7 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
 
 @kernel()
 def joint_moves(ends, slow, fast, delta, parts):
-    """`joint_ends` of every cell of one joint in each of `parts` equal parts of an interval of delta, s: (n, parts, 6).
-
-    ends (n, 2) : the least and the greatest angle of each cell, rad. The velocity stays in [slow, fast].
-    """
+    """`joint_ends` of every cell of one joint, ends (n, 2), in each of equal parts of an interval: (n, parts, 6)."""
     out = np.empty((len(ends), parts, 6))
     for i in range(len(out)):
         for part in range(parts):
@@ -101,10 +93,8 @@ def joint_moves(ends, slow, fast, delta, parts):
 def link_points(link, ends1, ends2, arm, scratch):
     """Write points whose hull, thickened by a remainder, holds a link (0 or 1) for all joint angles of a box.
 
-    To scratch.x and scratch.y; returns (how many, remainder, m).
-
-    ends1, ends2 (6,) : the box, as `joint_ends` writes it.
-    arm : (l1, l2, turn): the second link has length l2 and stands at the angle turn * q1 + q2, turn 0 or 1.
+    To scratch.x and scratch.y; returns (how many, remainder, m). arm : (l1, l2, turn): the second link has length l2
+    and stands at the angle turn * q1 + q2, turn 0 or 1.
     """
     l1, l2, turn, x, y = arm[0], arm[1], arm[2], scratch.x, scratch.y
     w1, w2 = ends1[3] - ends1[0], ends2[3] - ends2[0]
@@ -128,7 +118,7 @@ def link_points(link, ends1, ends2, arm, scratch):
 def convex_hull(n, scratch):
     """Write the counter-clockwise hull of the first n points to scratch.hull_x and hull_y; how many corners it has.
 
-    The points scratch.x, y are sorted in place. Andrew's monotone chain; it begins at the leftmost, lowest point.
+    Andrew's monotone chain, from the leftmost, lowest point; scratch.x, y are sorted in place.
     """
     x, y, hull_x, hull_y = scratch.x, scratch.y, scratch.hull_x, scratch.hull_y
     for i in range(1, n):
@@ -156,7 +146,7 @@ def convex_hull(n, scratch):
 
 @kernel(forceinline=True)
 def box_of(x, y, n):
-    """(least x, greatest x, least y, greatest y) of the first n points; x and y have n entries at least."""
+    """(least x, greatest x, least y, greatest y) of the first n points."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(1, n):
         left, right = min(left, x[i]), max(right, x[i])
@@ -166,7 +156,7 @@ def box_of(x, y, n):
 
 @kernel(forceinline=True)
 def hull_distance(px, py, size, scratch):
-    """The distance of the point (px, py) from the hull with `size` corners in scratch, of `convex_hull`; 0 inside."""
+    """The distance of the point (px, py) from the hull with `size` corners that `convex_hull` left; 0 inside."""
     hull_x, hull_y = scratch.hull_x, scratch.hull_y
     best = np.inf
     inside = size > 2
@@ -194,10 +184,8 @@ def thick_chain(first, last, step, radius, size, scratch, pieces):
     """Write the upper (step -1) or lower (step 1) boundary of a hull thickened by `radius` to pieces, left to right.
 
     The corners first, first + step, ..., last of the hull, modulo its size, are the chain: x grows along it. Its
-    boundary is, in turn, an arc about a corner and the edge to the next corner moved outward.
-
-    pieces (2 corners - 1, 4) : overwritten with the x where the piece ends, and for an arc (nan, centre), for an edge
-        (slope, a point), y times -step.
+    boundary is, in turn, an arc about a corner and the edge to the next corner moved outward. pieces (2 corners - 1, 4)
+    : the x where the piece ends, and for an arc (nan, centre), for an edge (slope, a point), y times -step.
     """
     hull_x, hull_y, sign = scratch.hull_x, scratch.hull_y, -float(step)
     count = 0
@@ -226,10 +214,7 @@ def thick_chain(first, last, step, radius, size, scratch, pieces):
 
 @kernel(inline="always")
 def piece_height(pieces, at, xq, radius):
-    """The height over xq, times the sign of its chain, of piece number `at` of `thick_chain`, an edge or an arc.
-
-    radius : of the arcs, m.
-    """
+    """The height over xq, times the sign of its chain, of piece number `at` of `thick_chain`, an edge or an arc."""
     off = xq - pieces[at, 2]
     slope = pieces[at, 1]
     if slope == slope:
@@ -239,11 +224,11 @@ def piece_height(pieces, at, xq, radius):
 
 @kernel(forceinline=True)
 def touch_cells(size, radius, growth, agent, rows, scratch, block):
-    """Set the bits of the agent's cells which, grown by `growth` on each side, meet a hull thickened by `radius`, m.
+    """Set in block (W,), in place, the agent's cells that, grown by `growth`, meet a hull thickened by `radius`.
 
-    In place: block (W,) uint64. The hull is the one with `size` corners that `convex_hull` left in scratch. Only the
-    rows of cells rows[0] <= x < rows[1] are looked at. The part of a convex shape over a strip has its highest point
-    over the point of the strip nearest to the shape's top, so one height of each boundary decides a row of cells.
+    The hull is the one with `size` corners that `convex_hull` left. Only the rows of cells rows[0] <= x < rows[1] are
+    looked at. The part of a convex shape over a strip has its highest point over the point of the strip nearest to the
+    shape's top, so one height of each boundary decides a row of cells.
     """
     hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner
