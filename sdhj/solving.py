@@ -84,8 +84,8 @@ def solve(
     play : bool
         Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning;
         without a target half of them from within a cell of the tube's boundary, against a greedy adversary. Of a
-        certified table whether to warn where it has next to nothing, and say why, for about the solve's time more, or a
-        second or two. Whatever this meets becomes a warning.
+        certified table whether to warn where it has next to nothing, and say what may help, by method "hji" on few
+        nodes. Whatever this meets becomes a warning.
 
     Returns
     -------

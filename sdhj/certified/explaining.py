@@ -1,29 +1,36 @@
 """Why a state is not certified: by which obligation of the proof each input fails, by how much, and what would help."""
 
-from collections.abc import Iterator, Sequence
+import itertools
+import warnings
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
-from sdhj.certified.limits import MORE_CELLS, Gain, Limits
 from sdhj.common.checks import finite_array, whole
-from sdhj.common.findings import Finding
+from sdhj.common.findings import Finding, findings
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import boxes_in_set, cells_at
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.methods import HJI
+from sdhj.solver.recursion import recursion
 from sdhj.table.explaining import Explanation, Failure, tube_in_words, why_refuted
 
 TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
 SCANTY, SCANTY_STATES = 0.1, 20_000  # a share that is never scanty; states
-LIKELY = 0.01  # of the states that are lacking: if "hji" claims fewer of them, all of them are asked about
-UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
-UNDECIDED = "it is not known whether more cells would do, as few nodes do not tell"
+FEW_NODES, FEWEST_NODES, FINER = 5_000, 5, 4.0  # of a grid; along an axis; and there for each cell, at most
+WORK = 1.5e6  # nodes x inputs x tubes: fewer nodes where this would be more
+MORE_CELLS = 'more cells: method "hji" on few nodes has it, which rounds nothing to whole cells'
+BEYOND = (
+    'not more cells, as "hji" on few nodes lacks it: a smaller disturbance, stronger inputs, more room or more steps'
+)
+UNDECIDED = 'it is not known whether more cells would do: of "hji" on few nodes the boundary is near'
 UNKNOWN = "it is not known whether more cells would do, as the problem cannot be solved on a grid"
-TWICE = "more than twice the cells along an axis, as twice gained nothing on copies of {} cells"
-BEYOND = "nothing that was tried one at a time, nor more cells: several changes at once, or much stronger inputs"
 COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
@@ -33,7 +40,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 
     The state's cell is explained or, with sensing, a cell that the state may be measured in and that is not certified.
     A `within` of None, or above N - step, counts as N - step. Returns an `Explanation`. ValueError if q, step or within
-    does not fit. What a table's first such states need is solved coarsely, which takes up to seconds (`Limits`).
+    does not fit. For the first such state of a table the problem is solved on few nodes (`on_few_nodes`).
 
     table : the `CertifiedTable`.
     """
@@ -60,33 +67,60 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
         what = "clear of the unsafe sets" if problem.has_no_target else "in the target and clear of the unsafe sets"
         return Explanation(False, f"{says[:-1]}: not all of its cell is {what}.")
     held = np.array([table.holds(cell, step, within) for cell in cells])
-    causes, helps = what_limits(table.limits, state, step, within)
+    causes, helps = what_keeps_out(table, state, step, within)
     return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says, causes, helps)
 
 
-def what_limits(limits: Limits, state: FloatArray, step: int, within: int) -> tuple[tuple[str, ...], list[str]]:
-    """What keeps a state (1, ndim) out of the tube (step, within), and what may help: causes and advice, as texts."""
-    causes, added = limits.gains(state, step, within)
-    remedies = _remedies(limits, causes, added, limits.decided(state, step, within))
-    return tuple(one.name for one in causes), [*(one.helps for one in added), *remedies]
+def on_few_nodes(table: Any) -> Any:
+    """The table of the same problem and steps by `HJI` on few nodes, as many along an axis as cells suggest; or None.
+
+    None where that is refused, as of some black boxes. Warnings and findings are dropped.
+    """
+    problem, cells = table.problem, np.array(table.shape)
+    tubes = table.steps if problem.time_invariant else table.steps * (table.steps + 1) // 2
+    few = min(FEW_NODES, WORK / (len(problem.inputs) * max(tubes, 1)))
+    nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), FINER)), FEWEST_NODES) + 1
+    with warnings.catch_warnings(), findings(), suppress(ValueError, MemoryError):
+        warnings.simplefilter("ignore")
+        grid: Any = replace(problem.grid, shape=tuple(nodes.astype(int).tolist()))
+        made = replace(problem, grid=grid, recipe={})
+        sets = HJI().sets(made, False)
+        recursion(sets, made.most_steps, lambda: None)
+        return sets.finish({})
+    return None
+
+
+def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tuple[tuple[str, ...], list[str]]:
+    """What keeps a state (1, ndim) out of the tube (step, within), as `Explanation.causes`, and what may help: texts.
+
+    A state that the grid lacks may be in finer tubes where the grid has something within a node of it.
+    """
+    grid = table.on_few_nodes
+    if grid is None:
+        return (), [UNKNOWN, *for_ever(table)]
+    space, asked = grid.problem.grid, {"start": step, "within": within}
+    if grid.contains(state, **asked)[0]:
+        return ("creep" if table.problem.has_no_target else "rounding",), [MORE_CELLS, *for_ever(table)]
+    around = state + np.array(list(itertools.product((-1, 0, 1), repeat=space.ndim))) * space.spacing
+    near = grid.contains(np.clip(space.wrapped(around), space.lower, space.upper), **asked).any()
+    return (), [UNDECIDED if near else BEYOND, *for_ever(table)]
 
 
 def scanty_finding(table: Any) -> Finding | None:
     """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
 
     Next to nothing is at most the share `SCANTY` of the state space, and either no more than the target's share or less
-    than a tenth of what `HJI` claims on few nodes. The problem is then solved on these and, for what may help, changed
-    and on coarse cells (`Limits`), which takes some time. The target's share is that of `SCANTY_STATES` random states,
-    of a fixed seed. table : the `CertifiedTable`.
+    than a tenth of what `HJI` claims on few nodes (`on_few_nodes`), on which the problem is then solved. The target's
+    share is that of `SCANTY_STATES` random states, of a fixed seed. table : the `CertifiedTable`.
     """
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
         return None
-    grid, t, limits = problem.grid, problem.time(0), table.limits
+    grid, t = problem.grid, problem.time(0)
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
     target = 0.0 if problem.has_no_target else float(((problem.target_value(drawn, t) <= 0) & free).mean())
-    claimed = limits.grid.fraction() if limits.grid else 0.0
+    claimed = table.on_few_nodes.fraction() if table.on_few_nodes else 0.0
     if share > target and claimed <= 10 * share:
         return None
     few = share <= target and not problem.has_no_target
@@ -100,14 +134,31 @@ def scanty_finding(table: Any) -> Finding | None:
         lost &= problem.target_value(drawn, t) > 0
     if not lost.any():
         return Finding(message, share, "")
-    inside = lost.copy()
-    inside[lost] = limits.grid is not None and limits.grid.contains(drawn[lost])
-    likely = inside.sum() >= max(LIKELY * lost.sum(), 1)
-    lost = inside if likely else lost
-    at = np.array2string(drawn[np.argmax(lost)], precision=3, separator=", ")
-    advice = _advice(limits, drawn[lost], ' and "hji" claims' * bool(likely))
-    advice += "".join(f"; {one}" for one in left_out(problem)) if limits.endless and not share else ""
-    return Finding(f"{message}. ", share, f"{advice}. See table.explain({at})")
+    has = np.zeros_like(lost)
+    if table.on_few_nodes:
+        has[lost] = table.on_few_nodes.contains(drawn[lost])
+    at = np.array2string(drawn[np.argmax(has if has.any() else lost)], precision=3, separator=", ")
+    some = MORE_CELLS if has.any() else BEYOND if table.on_few_nodes else UNKNOWN
+    return Finding(
+        f"{message}. ", share, f"What may help: {'; '.join([some, *for_ever(table)])}. See table.explain({at})"
+    )
+
+
+def for_ever(table: Any) -> list[str]:
+    """What may help where nothing is certified for ever, as texts: longer intervals, cells where it creeps, no axis."""
+    problem, names = table.problem, table.problem.grid.names
+    if not (table.details.get("endless") and problem.has_no_target) or table.fraction():
+        return []
+    out = [f"inputs held for two or three periods, delta={2 * problem.delta:g} or {3 * problem.delta:g}"]
+    middle, t = np.add(problem.grid.lower, problem.grid.upper)[None] / 2, problem.time(0)
+    each = [
+        np.mean(table.proof.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(problem.inputs))
+    ]
+    # by an input, from most cells on by a whole one
+    led = (np.maximum(table.proof.low, -table.proof.high).max(axis=(0, 1)) > 0).mean(axis=0) > 0.5
+    for axis in np.flatnonzero((np.ptp(each, axis=0) > 0) & ~led):
+        out.append(f"more cells along {names[axis]}, where no input leads on by a whole cell in an interval")
+    return out + left_out(problem)
 
 
 def left_out(problem: ReachAvoidProblem) -> list[str]:
@@ -125,36 +176,6 @@ def left_out(problem: ReachAvoidProblem) -> list[str]:
                 f"{name} left out, which no velocity depends on; then it is not promised to stay between {between}"
             )
     return out
-
-
-def _advice(limits: Limits, states: FloatArray, besides: str = "") -> str:
-    """What limits states (M, ndim), M > 0, that a table lacks at step 0, and what may help, by its copies: a text.
-
-    besides : what else is true of these states, in words after "that it lacks".
-    """
-    tube = states, 0, limits.steps
-    causes, added = limits.gains(*tube)
-    told = [f"{one.name} ({one.before:.2g} with it, {one.then:.2g} without)" for one in causes]
-    helps = [f"{one.helps} ({one.then:.2g} for {one.before:.2g})" for one in added]
-    helps += _remedies(limits, causes, added, limits.decided(*tube))
-    of = f"of the states {'' if limits.problem.has_no_target else 'outside the target '}that it lacks{besides}"
-    by = f", by the shares {of} that coarse solves have: {'; '.join(told) or 'nothing that was tried'}"
-    return f"What limits it{by}. What may help: {'; '.join(helps)}"
-
-
-def _remedies(limits: Limits, causes: Sequence[Gain], added: Sequence[Gain], decided: bool) -> list[str]:
-    """What helps against causes, as texts; more cells too, where for some cause nothing is known.
-
-    causes, added : as `limits.gains` returns them. More cells are not named again if they are among `added`. decided :
-    whether more cells would surely not do where they are no cause (`Limits.decided`).
-    """
-    more, out = any(one.helps.startswith(MORE_CELLS) for one in added), [one.helps for one in causes if one.helps]
-    if not more and len(out) < len(causes):
-        cells = " x ".join(str(axis.count) for axis in limits.axes)
-        out.append(TWICE.format(cells) if limits.doubled else UNTRIED)
-    elif not more and not decided:
-        out.append(UNKNOWN if limits.grid is None else UNDECIDED)
-    return out if out or added else [BEYOND]
 
 
 class _Cell:
@@ -182,7 +203,7 @@ class _Cell:
         """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice.
 
         Failures of inputs whose tube is clear come first, each kind sorted by how much is missing. causes, helps : what
-        is known besides (`what_limits`).
+        is known besides (`what_keeps_out`).
         """
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.image_failure(j) if clear[j] else self.collision_failure(j) for j in range(len(clear))]

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -194,8 +194,6 @@ class GeneralProof(Images):
     sites: FloatArray
     arrives: FloatArray
     kind = "enclosed"
-    most_boxes: ClassVar[int] = BOXES_OF_A_SET
-    most_pieces: ClassVar[int] = FINEST
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
@@ -382,8 +380,7 @@ class GeneralProof(Images):
             if tested:
                 tubes_at_hand[start, j, some] = tubes
 
-        pieces = min(int(finest(self.problem, self.parts, self.low.shape)), self.most_pieces)
-        self.fill(pieces, progress, use)
+        self.fill(int(finest(self.problem, self.parts, self.low.shape)), progress, use)
         for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):
             asked = next(one for one in every if self.problem.unsafe.index(unsafe_set) in one.dangers.sets)
             self._mark_in_words(asked, unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
@@ -564,7 +561,7 @@ class GeneralProof(Images):
 
         None of sets that are tested in words. progress : whether to show a bar, as for `sdhj.solve`.
         """
-        made, out = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes), dict[int, list[Boxes]]()
+        made, out = partial(lattice_of, self.bounds, self.axes), dict[int, list[Boxes]]()
         each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
         for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
             spans = self._spans(part)

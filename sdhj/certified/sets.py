@@ -115,29 +115,28 @@ here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what
 layer of cells along the target, the obstacles and the pursuer.
 """
 
-import math
 import reprlib
-import time
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from tqdm import tqdm
+
 from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
-from sdhj.certified.choosing import chosen_cells, cost, speeds_of
+from sdhj.certified.choosing import chosen_cells
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import GrowsTooFast
 from sdhj.certified.table import CellSets
 from sdhj.common.checks import Options, number, whole
+from sdhj.kernels.compiling import hidden
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
 FINER = 32  # times as many parts of an interval are tried where a velocity grows too fast
-RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
-COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,8 @@ class Certified(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half of the time of a solve.
 
-        progress : whether to show progress bars; None: if standard error is a terminal.
+        progress : whether to show progress bars, and first the numbers of cells and of megabytes; None: if standard
+            error is a terminal.
 
         ValueError if `cells` has not one number for each axis, the arm's lengths, speeds or steps are too large for its
         proof, a function of the problem has no bound, or an interval leads too many cells on; MemoryError where the
@@ -208,51 +208,16 @@ class Certified(Options):
         parts, most = self.parts, min(FINER * self.parts, MOST_PIECES)
         while True:
             try:
-                return CellSets(replace(self, parts=parts).proof(problem), progress)
+                proof = replace(self, parts=parts).proof(problem)
+                if parts == self.parts and not hidden(progress):
+                    cells = " x ".join(str(axis.count) for axis in proof.axes)
+                    tqdm.write(f"{cells} cells, at most {proof.peak_bytes / 1e6:,.0f} MB and the sets", file=sys.stderr)
+                return CellSets(proof, progress)
             except GrowsTooFast as error:
                 if parts == most:
                     more = f"use a shorter delta, or more parts than the {parts} that were tried last: "
                     raise ValueError(f"{error}, {more}Certified(parts=...)") from None
                 parts = min(2 * parts, most)
-
-    def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
-        """Estimate the memory and the time of a solve.
-
-        A solve with fewer cells is timed, an eighth of them or `QUICK` where that is more, and extrapolated by the
-        model of `sdhj.certified.choosing`. So it takes a part of the time of the solve.
-
-        Raises
-        ------
-        ValueError, MemoryError
-            As `Certified.sets`.
-        """
-        proof, speeds = self.proof(problem), speeds_of(problem)
-        count = math.prod(axis.count for axis in proof.axes)
-
-        def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
-            """What preparing and the recursion cost with these cells, each in a unit of its own: for ratios alone.
-
-            axes : the cells of each axis.
-            """
-            if isinstance(proof, GeneralProof):
-                return cost(problem, axes, self.parts, speeds)
-            # the agent's cells that touch the arm are found a row at a time
-            return [math.prod(axis.count for axis in some) for some in (axes[:3], axes)]
-
-        share = min(max(QUICK / count, COARSER), 1.0)
-        for some in (share / 8, share):  # the first time compiles
-            cells = [max(2, round(axis.count * some ** (1 / len(proof.axes)))) for axis in proof.axes]
-            began = time.perf_counter()
-            sets = replace(self, cells=cells).sets(problem, False)
-            halfway = time.perf_counter()
-            recursion(sets, problem.most_steps, lambda: None)
-            times = halfway - began, time.perf_counter() - halfway
-        full, coarse = model(proof.axes), model(sets.proof.axes)
-        seconds = sum(each * much / little for each, much, little in zip(times, full, coarse, strict=True))
-        found = sum(len(rows) for rows, _ in sets.added.values()) / sets.shape[0]  # times all rows
-        rows = math.prod(axis.count for axis in proof.axes[: proof.rows])
-        nbytes = (2 * found + 3) * rows * 8 * -(-(count // rows) // 64) + 4 * len(sets.added) * rows
-        return Estimate(count, round(RUNTIME + proof.peak_bytes + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`.
@@ -275,16 +240,3 @@ class Certified(Options):
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
         return aligned(problem, cells)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """An estimate of what a certified solve costs: the number of cells, peak memory in bytes, and time in seconds."""
-
-    cells: int
-    nbytes: int
-    seconds: float
-
-    def __str__(self) -> str:
-        """The number of cells, the memory and the time in one line."""
-        return f"{self.cells:.1e} cells: about {self.nbytes / 1e9:.2g} GB of memory, {self.seconds:.0f} s"

@@ -16,9 +16,8 @@ from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
 from sdhj.certified.check import Verdict
 from sdhj.certified.check import verify as check
-from sdhj.certified.explaining import explain
+from sdhj.certified.explaining import explain, on_few_nodes
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.limits import Limits
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.common.checks import number, real_array, states_array, whole
 from sdhj.common.findings import Finding, UnsettledWarning, tell
@@ -546,12 +545,9 @@ class CertifiedTable(Table):
         return np.concatenate([to_bits(slab, shares.size) @ shares for slab in slabs])
 
     @cached_property
-    def limits(self) -> Limits:
-        """What keeps the table small, by coarse solves of the problem (`sdhj.certified.limits`); for `explain`.
-
-        Each is solved once, when it is first asked about.
-        """
-        return Limits(self, CellSets)
+    def on_few_nodes(self) -> Any:
+        """The table of the problem on few nodes, or None; solved when it is first asked about, for `explain`."""
+        return on_few_nodes(self)
 
     def steps_of_rounding(self, rounding: float = 1e-14) -> int:
         """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.

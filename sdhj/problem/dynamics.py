@@ -492,20 +492,6 @@ class VectorField(Remembering):
         """The same dynamics, in which v has bounds 0."""
         return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
-    def stronger(self) -> "VectorField":
-        """The same dynamics, in which what inputs do beside their mean counts twice: m + 2 (drift_j - m) under u_j.
-
-        m is the mean of the drifts under all inputs. The drift must be a formula, and v enter linearly.
-        """
-
-        def drift(points: Any, t: Any) -> Any:
-            """That drift under each input, at traced points (M, ndim) and time t: (M, L, ndim)."""
-            each = [row(points, t) for row in self.drift.rows]  # type: ignore[union-attr]
-            mean = sum(each) / len(each)
-            return np.stack([mean + 2.0 * (one - mean) for one in each], axis=1)
-
-        return replace(self, drift=Formula.traced("drift", drift, self.ndim))
-
     @kept
     def functions_by_input(self) -> dict[str, list[Any]]:
         """Drift, gain and bounds under one input at a time: {"drift": [of input 0, of input 1, ...], "gain": ...,

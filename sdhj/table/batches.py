@@ -195,9 +195,7 @@ class Table(ReadOnly):
             For each input: the unsafe set, or the end of an axis, that the state may meet, and when; or by how much it
             may end outside the next tube. Of a certified table: how deep the tube of the state's cell may be in it, or
             how many cells that it may lead to are not certified. What is not proved at these cells may be true all the
-            same: causes and what helps were tried on few nodes and few cells (`sdhj.certified.limits`), when a table is
-            asked first, which takes tenths of a second to a few seconds; of a large table it may be longer than its
-            solve.
+            same; whether more cells may do is told by method "hji" on few nodes, solved when a table is asked first.
 
         Examples
         --------

@@ -53,10 +53,8 @@ class Explanation:
     helps : tuple of str
         What may let an input do so.
     causes : tuple of str
-        Only of a certified table, for a state that is not in the tube: what keeps it out, by coarse solves
-        (`sdhj.certified.limits`). Where a grid has the state, "rounding" to whole cells, without a target "creep";
-        where it has not, that of which the problem has to be freed to have it there: "push", "noise", "clearance of
-        ..." an unsafe set; "few steps" or "weak inputs" where none of these is it.
+        Only of a certified table, for a state that is not in the tube but that method "hji" has on few nodes:
+        "rounding" to whole cells, without a target "creep", what cells lose again in every step.
     """
 
     inside: bool

@@ -9,6 +9,7 @@ from naive_certified import SMALL
 from robots import car
 
 import sdhj
+from sdhj.certified.explaining import BEYOND, MORE_CELLS
 from sdhj.common.findings import ResolutionWarning
 
 POST, GOAL = (3.0, 0.4), (7.0, 1.1)
@@ -52,13 +53,13 @@ def test_an_image_that_is_not_covered():
     assert (first.input, first.by, first.short) == (1, "image", pytest.approx(-1 / 3))
     assert first.says == "of 3 cells that it may lead to 1 are not certified, within x 5.75 to 6"
     assert (second.input, second.short) == (0, -1.0)
-    assert told.causes == ("push",) and told.helps == ("a smaller disturbance or stronger inputs",)  # to 5.8 at worst
+    assert told.causes == () and told.helps == (BEYOND,)  # to 5.8 at worst
 
 
 def test_more_cells_where_the_state_alone_is_won():
     """In cells of 1 m: all of [5, 6] may come to 5.75, but 5.6 to no less than 6.35."""
     told = table(line(), 10).explain([5.6], 0, 1)
-    assert told.helps == ("more cells along x",) and told.failures[0].short == pytest.approx(-1 / 3)
+    assert told.helps == (MORE_CELLS,) and told.failures[0].short == pytest.approx(-1 / 3)
     assert told.failures[0].by == "rounding" and told.failures[0].says.endswith("from the state alone all are")
 
 
@@ -86,7 +87,7 @@ def test_bounds_that_are_loose():
 @pytest.mark.slow
 def test_explanations_agree_with_the_table(monkeypatch):
     """An input has a failure where it is not certified; of other robots and an arm with Sensing, over the seam."""
-    monkeypatch.setattr("sdhj.certified.explaining.what_limits", lambda *_: ((), []))  # it is not asked about here
+    monkeypatch.setattr("sdhj.certified.explaining.what_keeps_out", lambda *_: ((), []))  # it is not asked about here
     rng = np.random.default_rng(3)
     sensing = sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01, memory=False)
     for problem, cells in (
@@ -109,8 +110,8 @@ def test_explanations_agree_with_the_table(monkeypatch):
 def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
     """Where a coarse grid has ten times as much, or no more than the target is there; and nothing where all is well."""
     for problem, cells, words, helps in (
-        (replace(car(), steps=8), (12, 12, 12), 'by "hji" on few nodes|no more than the target', "more cells along "),
-        (line(steps=3), (4,), "no more than the target", "more cells along x"),
+        (replace(car(), steps=8), (12, 12, 12), 'by "hji" on few nodes|no more than the target', "more cells: "),
+        (line(steps=3), (4,), "no more than the target", "more cells: "),
     ):
         with pytest.warns(ResolutionWarning, match=words) as seen:
             made = sdhj.solve(problem, sdhj.Certified(cells=cells), progress=False)
