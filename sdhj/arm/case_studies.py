@@ -291,15 +291,15 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
-def _sets(place: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
+def _sets(workspace: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
     """The target and the unsafe sets, obstacles (G1 of App. A.3) and pursuer (G2), which problems share."""
     unsafe = list[UnsafeSet]()
-    if place.obstacles:
-        unsafe.append(UnsafeSet(JOINTS, place.obstacles_value, place.obstacles_swept_value, "obstacles"))
-    if place.target is None:
-        return TargetSet(ALL_AXES, place.evader_value, name="evader"), tuple(unsafe)
-    unsafe.append(UnsafeSet(ALL_AXES, place.pursuer_value, name="pursuer"))
-    return TargetSet(JOINTS, place.target_value), tuple(unsafe)
+    if workspace.obstacles:
+        unsafe.append(UnsafeSet(JOINTS, workspace.obstacles_value, workspace.obstacles_swept_value, "obstacles"))
+    if workspace.target is None:
+        return TargetSet(ALL_AXES, workspace.evader_value, name="evader"), tuple(unsafe)
+    unsafe.append(UnsafeSet(ALL_AXES, workspace.pursuer_value, name="pursuer"))
+    return TargetSet(JOINTS, workspace.target_value), tuple(unsafe)
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:

@@ -141,16 +141,6 @@ class Traced(NDArrayOperatorsMixin):
 
     NumPy's functions and operators give traced arrays of new nodes. What depends on values, as a decision does, or has
     no rule, raises NotTraced; so does an array that was kept from another trace.
-
-    Attributes
-    ----------
-    entries : object array of Node
-        Written in place by traced[...] = value; read-only for an argument of the function, and for a number that is no
-        array. Slices are views, as NumPy's are.
-    dtype : numpy.dtype
-        The type that NumPy's array has: float64, int64 or bool.
-    trace : int or None
-        The number of the trace in which it was made; None outside of a trace.
     """
 
     __array_priority__ = 2000
@@ -158,7 +148,10 @@ class Traced(NDArrayOperatorsMixin):
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
-        self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
+        # an object array of nodes, read-only for an argument of the function, and for a number that is no array
+        self.entries = entries
+        self.dtype = np.dtype(dtype)  # the type that NumPy's array has
+        self.trace = state.trace  # the number of the trace in which it was made; None outside of a trace
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true

@@ -142,8 +142,7 @@ class Formula(Remembering):
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """Lower and upper bounds, (M, *shape) each, over M boxes and intervals of the parameters, rounded outward.
 
-        low, high (M, coordinates) : corners of the boxes. parameters : (begin, end) of each. Where the function may be
-        undefined in a box, its bounds are -inf and inf.
+        low, high (M, coordinates) : corners of the boxes. Where the function may be undefined, -inf and inf.
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
         # for what may not be written to, all would be compiled once more

@@ -25,9 +25,9 @@ def where(condition: Node, one: Node, other: Node) -> Node:
 def quotient(a: Node, b: Node) -> Node:
     """The node a / b, of "share"s where the parts of a are at most |b| in size and b is plainly above 0."""
     # the maximum of a constant above 0 and something, or the sum of one and what is never negative
-    above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
-    kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
-    share = _shares(a, b, {}) if kept else None
+    has_positive = any(is_constant(arg) and arg.value > 0 for arg in b.args)
+    above_zero = has_positive and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
+    share = _shares(a, b, {}) if above_zero else None
     return make("div", a, b) if share is None else share
 
 

@@ -25,7 +25,7 @@ class Remembering(ReadOnly):
         return {}
 
     def remembered(self, key: Any, find: Callable[[], T]) -> T:
-        """The value kept under a hashable key, the same object each time; where there is none yet, that of `find()`."""
+        """The value kept under a hashable key, at first `find()`, which hangs on the object and the key alone."""
         # without a lock: two threads may both compute one value
         if key not in self._remembered:
             self._remembered[key] = find()

@@ -78,10 +78,7 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
 
 def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
-    """The node of one line of text, its first word and the others, from those of the lines above.
-
-    `looked_up` makes a `Lookup` of words; `limits` says how many coordinates "x" and parameters "p" there are.
-    """
+    """The node of one line of text, its first word and the others, from those of the lines above."""
     value: Any = None
     if op not in RULES:
         raise ValueError(f"{op!r} is no operation")
