@@ -329,7 +329,7 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
 def measure_slider(nodes: int = 25) -> float:
     """Median seconds of ten moves of chapter 10's sliders: each makes, solves and draws the arm's game anew."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "notebooks"))
-    explorer = importlib.import_module("course.explore.tubes").explore_arm_game(nodes)
+    explorer = importlib.import_module("course.chapter_08").explore_arm_game(nodes)
     start = {"v_d": 0.4, "v_p": 0.25, "delta": 0.11, "x": -0.2, "y": 0.12}
     second = {"v_d": 0.5, "v_p": 0.3, "delta": 0.12, "x": -0.18, "y": 0.14}
     return float(np.median([_timed(explorer.set, **{name: to[name]}) for to in (start, second) for name in to]))

@@ -1,6 +1,6 @@
 """Exercises that answer: a check tells right from wrong and says what to look at.
 
-A chapter's checks stand in `course/checks/chapter_NN.py`, a function for each exercise, decorated with its number and
+A chapter's checks stand in `course/chapter_NN.py`, a function for each exercise, decorated with its number and
 a hint:
 
     @exercise("1.1", "A difference of sets is max(a, -b).")

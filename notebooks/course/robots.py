@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 import sdhj
-from course.draw.sets import canvas
+from course.chapter_01 import canvas
 from sdhj.arm.workspace import Disk, Line, Segment, Still
 from sdhj.common.findings import ResolutionWarning
 from sdhj.kernels import FloatArray

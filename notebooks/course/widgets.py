@@ -1,7 +1,7 @@
 """Pictures in a notebook, and live ones: sliders bound to functions that draw.
 
 `picture` shows a drawing once. An `Explorer` has controls, a picture that answers to them, and the numbers it shows;
-each `explore_*` of `course.explore` returns one. Put it on the last line of a cell. A reader without a kernel sees
+each `explore_*` of a chapter's module returns one. Put it on the last line of a cell. A reader without a kernel sees
 the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place. The site shows
 some frames of one control: `write_frames` writes them when the notebook is executed.
 """
@@ -48,7 +48,7 @@ def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes
     """Draw on a figure, cleared before, and return its PNG file and the numbers that `draw` returned.
 
     `draw` takes a figure, or the only axes of one where its first argument is named "ax". Where it follows a slider
-    write "n = 3", not "$n = 3$": to parse a formula takes longer than to draw it (`course.draw.slices.frame_live`).
+    write "n = 3", not "$n = 3$": to parse a formula takes longer than to draw it (`course.slices.frame_live`).
     """
     with DRAWING, style(), mpl.rc_context({"axes.titley": 1.0}):  # a given height saves the search for one
         figure.clear()
@@ -124,8 +124,8 @@ class Explorer:
         By argument of `draw`.
     size : (float, float)
         Of the picture, inches.
-    slow : bool
-        The picture can take longer than a moment: until it is there, the line below the controls says so.
+    slow : str
+        Where a picture can take longer than a moment: what it waits for, which the line below the controls says.
     motion : str, optional
         The control that moves in the frames of the site; default the first that has two ends.
     named : sequence of float
@@ -152,7 +152,7 @@ class Explorer:
         controls: Mapping[str, Any],
         *,
         size: tuple[float, float] = WIDE,
-        slow: bool = False,
+        slow: str = "",
         alt: str = "",
         motion: str = "",
         named: Sequence[float] = (),
@@ -213,7 +213,7 @@ class Explorer:
         """Draw what is asked for, or say why not."""
         self._rest()
         if self.slow:
-            self._status.value = WORKING
+            self._status.value = WORKING.format(self.slow)
         with garbage_waits():
             try:
                 self._render()
@@ -385,7 +385,7 @@ def _whole(control: Any) -> Any:
 # Controls
 # ----------------------------------------------------------------------------------------------------------------------
 
-WORKING = "<div role='status' style='line-height:1.4; color:#555555'>solving ... (the first time also compiling)</div>"
+WORKING = "<div role='status' style='line-height:1.4; color:#555555'>{} ... (the first time also compiling)</div>"
 LABEL = {"description_width": "13em"}
 LOOK = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
 

@@ -1,7 +1,7 @@
 """Solutions of chapter 1, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_01 import check_cells, check_gap, check_nodes, check_rectangle, check_swept
+from course.chapter_01 import check_cells, check_gap, check_nodes, check_rectangle, check_swept
 
 
 def gap(x, y):

@@ -1,7 +1,7 @@
 """Solutions of chapter 2, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_02 import check_amplification, check_filled, check_help, check_steps, check_third, check_wall
+from course.chapter_02 import check_amplification, check_filled, check_help, check_steps, check_third, check_wall
 
 # 0.5 s, speeds 1.3 and 0.8 m/s, spacing 3 / 40 m, a CFL number of 0.75
 steps_needed = int(np.ceil(0.5 * (1.3 + 0.8) / (3 / 40) / 0.75))

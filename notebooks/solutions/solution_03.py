@@ -1,7 +1,7 @@
 """Solutions of chapter 3, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_03 import check_avoid_tube, check_ball, check_order, check_sampled, check_touch
+from course.chapter_03 import check_avoid_tube, check_ball, check_order, check_sampled, check_touch
 
 
 def hamiltonian(p, u, v_max):

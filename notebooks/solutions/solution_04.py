@@ -1,7 +1,7 @@
 """Solutions of chapter 4, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_04 import check_boat, check_defeat, check_interval, check_longest, check_passing
+from course.chapter_04 import check_boat, check_defeat, check_interval, check_longest, check_passing
 
 # The square has a half-side of 0.25 delta, and fits into the disk where its half-diagonal does.
 longest_interval = 0.3 / (0.25 * np.sqrt(2))

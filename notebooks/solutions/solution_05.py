@@ -1,7 +1,7 @@
 """Solutions of chapter 5, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_05 import check_axes, check_claims, check_count, check_evader, check_two
+from course.chapter_05 import check_axes, check_claims, check_count, check_evader, check_two
 
 from sdhj import Scheme
 from sdhj.problem.interval import Velocities

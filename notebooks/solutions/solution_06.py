@@ -1,7 +1,7 @@
 """Solutions of chapter 6, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_06 import check_disturbance, check_inverse, check_limits, check_samples, check_three_links
+from course.chapter_06 import check_disturbance, check_inverse, check_limits, check_samples, check_three_links
 
 # (l1 + l2) v delta + l2 v delta = 0.06
 largest_disturbance = 0.06 / ((0.15 + 2 * 0.15) * 0.1)

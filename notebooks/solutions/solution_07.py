@@ -1,7 +1,7 @@
 """Solutions of chapter 7, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_07 import check_in_order, check_inputs, check_pausing, check_rows, check_tubes, check_viable
+from course.chapter_07 import check_in_order, check_inputs, check_pausing, check_rows, check_tubes, check_viable
 
 
 def entry(N, k, n):

@@ -1,7 +1,7 @@
 """Solutions of chapter 8, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_08 import check_free, check_hamiltonian, check_round, check_shell, check_window
+from course.chapter_08 import check_free, check_hamiltonian, check_round, check_shell, check_window
 
 import sdhj
 

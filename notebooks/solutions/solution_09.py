@@ -4,7 +4,7 @@ import warnings
 from itertools import combinations
 
 import numpy as np
-from course.checks.chapter_09 import check_direction, check_subspace, check_target, check_three, check_wave
+from course.chapter_09 import check_direction, check_subspace, check_target, check_three, check_wave
 
 import sdhj
 

@@ -1,7 +1,7 @@
 """Solutions of chapter 10, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_10 import check_amdahl, check_games, check_kernel, check_memory, check_steps
+from course.chapter_10 import check_amdahl, check_games, check_kernel, check_memory, check_steps
 
 # L N (N + 1) / 2 with N = 16 intervals of half the length and L = 7 * 7 inputs
 games_needed = 49 * 16 * 17 // 2

@@ -3,7 +3,7 @@
 from itertools import product
 
 import numpy as np
-from course.checks.chapter_11 import check_adversary, check_error, check_fewest, check_filter, check_rule, check_wilson
+from course.chapter_11 import check_adversary, check_error, check_fewest, check_filter, check_rule, check_wilson
 
 import sdhj
 

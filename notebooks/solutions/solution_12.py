@@ -1,7 +1,7 @@
 """Solutions of chapter 12, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_12 import check_chord, check_depth, check_kink, check_search, check_upper
+from course.chapter_12 import check_chord, check_depth, check_kink, check_search, check_upper
 
 from sdhj.simulation.runs import rollouts
 

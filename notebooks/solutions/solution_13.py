@@ -4,7 +4,7 @@ from fractions import Fraction
 from math import gcd, lcm
 
 import numpy as np
-from course.checks.chapter_13 import check_aligned, check_claims, check_clear, check_image, check_outward
+from course.chapter_13 import check_aligned, check_claims, check_clear, check_image, check_outward
 
 # The slowest push for the left end and the fastest for the right: the image is all between them.
 after = (

@@ -4,7 +4,7 @@ from fractions import Fraction
 from itertools import product
 
 import numpy as np
-from course.checks.chapter_14 import check_capture, check_evader_limit, check_nested, check_push, check_tip
+from course.chapter_14 import check_capture, check_evader_limit, check_nested, check_push, check_tip
 
 # Stretched and both joints the same way: levers l1 + l2 and l2, each at 3 rad/s
 top_speed = (0.15 + 2 * 0.15) * 3.0

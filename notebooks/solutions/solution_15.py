@@ -1,7 +1,7 @@
 """Solutions of chapter 15, and answers that its checks refuse."""
 
 import numpy as np
-from course.checks.chapter_15 import check_boat, check_bound, check_drift, check_gradient, check_reverse, reference_car
+from course.chapter_15 import check_boat, check_bound, check_drift, check_gradient, check_reverse, reference_car
 
 import sdhj
 

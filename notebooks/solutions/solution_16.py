@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 import numpy as np
-from course.checks.chapter_16 import check_attack, check_box, check_inputs, check_largest, check_shortest
+from course.chapter_16 import check_attack, check_box, check_inputs, check_largest, check_shortest
 
 import sdhj
 

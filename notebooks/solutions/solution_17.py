@@ -4,7 +4,7 @@ from itertools import product
 from math import ceil, log
 
 import numpy as np
-from course.checks.chapter_17 import check_count, check_lever, check_motor, check_push, check_worst
+from course.chapter_17 import check_count, check_lever, check_motor, check_push, check_worst
 
 
 def lever(lengths, errors):

@@ -364,7 +364,7 @@ controls = {
     "moment": widgets.played(widgets.slider("moment", 0, 100, 4, 60)),
     "colour": widgets.choice("colour", ("red", "blue", "none"), "red"),
 }
-explorer = widgets.Explorer(draw, controls, slow=True)
+explorer = widgets.Explorer(draw, controls, slow="solving")
 """
 
 

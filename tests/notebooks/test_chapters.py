@@ -9,12 +9,11 @@ from typing import Any
 import nbformat
 import numpy as np
 import pytest
-from course.checks.chapter_15 import reference_car
-from course.draw.plane import draw_safe_twice
-from course.explore.games import HELD, explore_games
-from course.explore.plane import explore_car
-from course.explore.sensing import explore_sensing
-from course.explore.values import explore_value
+from course.chapter_03 import explore_value
+from course.chapter_04 import draw_safe_twice
+from course.chapter_05 import HELD, explore_games
+from course.chapter_15 import explore_car, reference_car
+from course.chapter_16 import explore_sensing
 from course.paper import boat
 from matplotlib.figure import Figure
 

@@ -23,7 +23,7 @@ FEWEST = 4  # exercises in a chapter
 
 
 def checks(chapter: str) -> list[Check]:
-    module = importlib.import_module(f"course.checks.chapter_{chapter}")
+    module = importlib.import_module(f"course.chapter_{chapter}")
     return [value for value in vars(module).values() if isinstance(value, Check)]
 
 

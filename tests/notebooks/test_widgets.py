@@ -16,41 +16,23 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from course import widgets
-from course.checks.chapter_15 import reference_car
-from course.draw.bodies import paint, turned
-from course.draw.lines import draw_line_sets
-from course.draw.plane import draw_plane_game, filling
-from course.draw.schemes import carry, shrink
-from course.draw.sets import area, canvas, combine, rectangle
-from course.draw.slices import slice_values, steps_image
-from course.draw.spaces import draw_both_spaces, union_of_samples
-from course.explore.lines import explore_interpolation, explore_line
-from course.explore.plane import (
-    explore_car,
-    explore_filling,
-    explore_holding,
-    explore_interval,
-    explore_plane_game,
-    explore_row,
-)
-from course.explore.runs import explore_lookup, explore_pursuit, explore_run
-from course.explore.schemes import explore_schemes, explore_upwinding
-from course.explore.sensing import explore_sensing
-from course.explore.sets import explore_nodes, explore_sets
-from course.explore.spaces import explore_spaces, explore_view_time
-from course.explore.tracking import explore_tracking
-from course.explore.tubes import (
-    explore_arm_game,
-    explore_certified,
-    explore_evader,
-    explore_gap,
-    explore_growing,
-    explore_pursuer,
-    explore_surface,
-    explore_tube,
-)
+from course.chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
+from course.chapter_02 import carry, explore_schemes, explore_upwinding, shrink
+from course.chapter_04 import draw_plane_game, explore_holding, explore_interval
+from course.chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
+from course.chapter_07 import explore_filling, explore_plane_game, explore_row, filling
+from course.chapter_08 import explore_arm_game, explore_growing, explore_pursuer, explore_tube
+from course.chapter_09 import explore_gap, explore_surface, paint, turned
+from course.chapter_11 import explore_lookup, explore_pursuit, explore_run
+from course.chapter_12 import explore_interpolation
+from course.chapter_13 import explore_certified, explore_line
+from course.chapter_14 import explore_evader
+from course.chapter_15 import explore_car, reference_car
+from course.chapter_16 import draw_line_sets, explore_sensing
+from course.chapter_17 import explore_tracking
 from course.paper import paper_figure, starts_of_runs
 from course.robots import one_interval, point_robot
+from course.slices import slice_values, steps_image
 from matplotlib.axis import Tick
 from matplotlib.figure import Figure
 from PIL import Image

@@ -1,10 +1,128 @@
-"""Checks of the exercises of chapter 4."""
+"""Chapter 4, One sampling interval: what it draws, its widgets, and the checks of its exercises."""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 import sdhj
 from course.exercises import exercise, expect, expect_close
 from course.paper import boat
+from course.robots import point_robot
+from course.widgets import Explorer, Numbers, choice, slider
+from sdhj.kernels import FloatArray
+from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
+from sdhj.plotting.looks import FULL_LOOKS, TARGET_LOOKS
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import Table
+
+# ---- pictures
+
+
+def draw_plane_game(
+    ax: Axes, table: Table, *, start: int = 0, within: int | None = None, through: Sequence[float] | None = None
+) -> None:
+    """Tubes of a robot with two axes of position, its target and its obstacle where they are at step `start`."""
+    state = np.zeros(table.grid.ndim) if through is None else np.asarray(through, dtype=np.float64)
+    draw_tubes(ax, table, through=state, start=start, within=within, unsafe=False)
+    shown = [part.name for part in table.problem.unsafe if part.name != "edge"]
+    draw_constraints(ax, table.problem, through=state, step=start, parts=shown)
+    where = plane(table.grid, state, resolution=201)
+    target = table.problem.target
+    goal = where.shaped(target.level_set(where.points[:, target.axes], start * table.problem.delta))
+    draw_set(ax, where, goal, TARGET_LOOKS | {"facecolor": "none"}, "target", zorder=5.0)
+    ax.set_aspect("equal")
+
+
+def draw_plane_games(figure: Figure, tables: Mapping[str, Table]) -> None:
+    """Tubes of several games in the plane, side by side, from step 0."""
+    axes = np.atleast_1d(figure.subplots(1, len(tables), sharey=True))
+    for ax, (title, table) in zip(axes, tables.items(), strict=True):
+        draw_plane_game(ax, table)
+        ax.set_title(title)
+    for ax in axes[1:]:
+        ax.set_ylabel("")
+
+
+def draw_safe_twice(ax: Axes, problem: ReachAvoidProblem, at_instants: FloatArray, always: FloatArray) -> None:
+    """States of the boat that are safe at both ends of the interval (blue), and those of them that are hit between."""
+    where = boat.draw_lake(ax, boat.OneStepGame(problem, at_instants, always, always))
+    instants, tube = where.of(problem.grid, at_instants), where.of(problem.grid, always)
+    draw_set(ax, where, instants, FULL_LOOKS, "at-instants", zorder=0.5)
+    between = np.maximum(instants, -tube)
+    draw_set(
+        ax, where, between, {"facecolor": "#d9480f", "edgecolor": "#8a2b06", "linewidth": 0.8}, "between", zorder=0.8
+    )
+
+
+# ---- widgets
+
+
+def explore_interval(nodes: int = 49) -> Explorer:
+    """A boat that holds a heading for one interval, in turning water and wind: solved and played at each change."""
+
+    @lru_cache(maxsize=64)
+    def solved(nodes: int, hold: float, wind: float, heading: float) -> boat.OneStepGame:
+        u = (1.5 * math.cos(heading), 1.5 * math.sin(heading))
+        return boat.one_step_game(boat.boat_problem(nodes=nodes, hold=hold, wind=wind, heading=u))
+
+    def draw(figure: Figure, show: str, hold: float, wind: float, heading: float, x: float, y: float) -> Numbers:
+        game, coarse = (solved(count, hold, wind, heading) for count in (nodes, nodes // 2 + 1))
+        runs = boat.play(game.problem, (x, y))
+        boat.draw_one_step(figure.subplots(), game, show=show, starts=[("$q$", runs)])
+        q, won = np.array([[x, y]]), runs.costs <= 0
+        cost, rough = (float(one.problem.grid.interpolate(one.cost, q)[0]) for one in (game, coarse))
+        values, name = {
+            "reach": (game.reach, "reach set"),
+            "avoid": (game.avoid, "avoid tube"),
+            "reach-avoid": (game.cost, "reach-avoid set"),
+        }[show]
+        return {
+            f"share of the lake in the {name}": game.problem.grid.fraction(values <= 0),
+            "cost of q, Eq. (6)": cost,
+            "on half the nodes": rough,
+            "costliest run": float(runs.costs.max()),
+            "runs won": f"{int(won.sum())} of {won.size}",
+        }
+
+    controls = {
+        "show": choice("show", boat.CONSTRUCTS, "reach-avoid"),
+        "hold": slider("length of the interval (s)", 0.1, 0.9, 0.05, 0.6, live=False),
+        "wind": slider("wind, at most (m/s)", 0.0, 0.5, 0.02, 0.14, live=False),
+        "heading": slider("heading held (rad)", -1.0, 1.0, 0.05, 0.05, live=False),
+        "x": slider("start x (m)", -0.9, 0.6, 0.02, -0.4),
+        "y": slider("start y (m)", -0.5, 0.8, 0.02, 0.2),
+    }
+    alt = "Reach-avoid set of one interval with runs against many winds"
+    return Explorer(draw, controls, size=(6.6, 4.2), slow="solving", alt=alt, motion="wind", process="hold")
+
+
+def explore_holding(nodes: int = 41) -> Explorer:
+    """One horizon of 0.8 s cut into 1 to 20 intervals: what it costs to hold an input and not to look."""
+
+    def draw(figure: Figure, intervals: int, v_max: float, input_levels: int) -> Numbers:
+        problem = point_robot(nodes, intervals, delta=0.8 / intervals, v_max=v_max, input_levels=input_levels)
+        table = sdhj.solve(problem, progress=False)
+        ax = figure.subplots()
+        draw_plane_game(ax, table)
+        ax.set_title(f"{intervals} interval{'s' * (intervals > 1)} of {0.8 / intervals:.2f} s")
+        return {
+            "share of the square inside": table.fraction(start=0, within=intervals),
+            "one-step games solved": len(problem.inputs) * intervals * (intervals + 1) // 2,
+        }
+
+    controls = {
+        "intervals": slider("intervals in 0.8 s", 1, 20, 1, 4, live=False),
+        "v_max": slider("adversary's speed (m/s)", 0.0, 0.9, 0.05, 0.25, live=False),
+        "input_levels": slider("input levels on each axis", 2, 5, 1, 3, live=False),
+    }
+    return Explorer(draw, controls, size=(4.8, 3.9), slow="solving", alt="Tubes of the point robot", motion="intervals")
+
+
+# ---- checks
 
 HOLD, WIND = 0.6, 0.14  # s, m/s
 

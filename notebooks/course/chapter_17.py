@@ -1,12 +1,66 @@
-"""Checks of the exercises of chapter 17."""
+"""Chapter 17, An experiment: what it draws, its widgets, and the checks of its exercises."""
 
+from collections.abc import Callable
 from fractions import Fraction
 from itertools import product
 from math import ceil, log
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from course.chapter_12 import LOST
 from course.exercises import exercise, expect, expect_close
+from course.widgets import Explorer, Numbers, slider
+from sdhj.kernels import FloatArray
+from sdhj.plotting.looks import FAINT, OUTCOME_INK
+
+# ---- pictures
+
+
+def draw_tracking(
+    figure: Figure, times: FloatArray, reference: FloatArray, angle: FloatArray, torque: FloatArray, formula: float
+) -> float:
+    """Angles (rad), how far they are apart, and torques (N m); the largest distance. `formula` is what to expect."""
+    both, off, motor = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.0, 0.7))
+    both.plot(times, reference, color=LOST, linestyle="--", label="reference", gid="reference")
+    both.plot(times, angle, color=OUTCOME_INK, linestyle="-", label="joint", gid="joint")
+    both.set_ylabel("angle (rad)")
+    both.legend(loc="lower right", fontsize="small")
+    off.plot(times, angle - reference, color=OUTCOME_INK, linestyle="-", gid="off")
+    for side in (-formula, formula):
+        off.axhline(side, color=FAINT, linestyle=":", gid="formula")
+    off.set_ylabel("apart (rad)")
+    motor.plot(times, torque, color="#0b3c5d", linestyle="-", gid="torque")
+    motor.set(ylabel="torque (N m)", xlabel="time (s)")
+    return float(abs(angle - reference).max())
+
+
+# ---- widgets
+
+PATTERN = np.array([1.0, -1.0, -1.0, 1.0, 0.0, 1.0, -1.0, 1.0])  # of the largest speed
+
+
+def explore_tracking(follow: Callable[..., tuple[Any, ...]], expected: Callable[[float, float], float]) -> Explorer:
+    """How far a joint is from its reference: `follow` simulates it, `expected` is the formula."""
+
+    def draw(figure: Figure, torque: float, u_max: float, ratio: float) -> Numbers:
+        formula = expected(2 * u_max, torque)
+        times, *ways, torques = follow(u_max * PATTERN[None], torque, ratio=ratio)
+        reference, angle = (way[0] for way in ways)
+        apart = draw_tracking(figure, times, reference, angle, torques[0], formula)
+        return {"largest distance (rad)": apart, "formula (17.2)": formula}
+
+    controls = {
+        "torque": slider("torque (N m)", 0.5, 8.0, 0.5, 4.0),
+        "u_max": slider("speed u (rad/s)", 0.5, 3.0, 0.5, 2.0),
+        "ratio": slider("damping ratio", 0.5, 4.0, 0.5, 2.5),
+    }
+    alt = "A joint, its reference, how far they are apart, and the torque of its motor"
+    return Explorer(draw, controls, size=(7.0, 4.6), alt=alt, motion="torque")
+
+
+# ---- checks
 
 
 @exercise("17.1", "The joint i turns all that comes after it: the links i, i + 1, ..., which are at most stretched.")

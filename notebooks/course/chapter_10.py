@@ -1,4 +1,4 @@
-"""Checks of the exercises of chapter 10."""
+"""Chapter 10, Cost: what it draws, its widgets, and the checks of its exercises."""
 
 import time
 

@@ -1,10 +1,160 @@
-"""Checks of the exercises of chapter 7: finite games, played out by brute force."""
+"""Chapter 7, The recursion: its pictures, widgets and checks (finite games, played out by brute force)."""
 
-from functools import cache
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
+import sdhj
+from course.chapter_04 import draw_plane_game
 from course.exercises import exercise, expect
+from course.robots import point_robot
+from course.slices import HERE, LIVE, draw_pixels, fewest_steps, slice_values
+from course.widgets import Explorer, Numbers, played, slider
+from sdhj.arm.workspace import Disk, Line
+from sdhj.plotting import plane, step_colours
+from sdhj.plotting.looks import INK, OUTCOME_INK
+from sdhj.table.batches import Table
+
+# ---- pictures
+
+UNSAFE_PINK, NOTHING = (0.965, 0.741, 0.659, 1.0), (1.0, 1.0, 1.0, 0.0)
+
+
+def filling(steps: int) -> list[tuple[int, int | None]]:
+    """What the library makes, in its order: (k, None), the walls of row k, and (k, n), a tube of it; (7.1)."""
+    made: list[tuple[int, int | None]] = []
+    for k in range(steps, -1, -1):
+        made += [(k, None)] if k < steps else []
+        made += [(k, n) for n in range(steps - k + 1)]
+    return made
+
+
+def draw_filling(ax: Axes, table: Table, made: int) -> Numbers:
+    """The look-up table after so many of `filling`: the newest framed, and dashed the two that it was made from."""
+    done, grid, gap = filling(table.steps)[:made], table.grid, 0.18
+    k_now, n_now = done[-1] if done else (None, None)
+    sources = {(k_now, n_now - 1), (k_now + 1, n_now - 1)} if n_now and k_now is not None else set()
+    where, side = plane(grid, (0.0, 0.0), resolution=LIVE // 2), grid.upper[0] - grid.lower[0]
+    colours = np.array([*step_colours(table.steps), UNSAFE_PINK, NOTHING])
+    for k in range(table.steps + 1):
+        blank = (k, None) not in done and (k, 0) not in done  # nothing of this row is known yet
+        hit = where.shaped(table.problem.unsafe_value(where.points, table.problem.time(k))) <= 0
+        for n in range(table.steps - k + 1):
+            left, low = n * (side + gap), (table.steps - k) * (side + gap)
+            places = np.where(hit & (not blank), -2, -1)
+            if (k, n) in done:
+                values = slice_values(grid, table.values(start=k, within=n), (0, 0), (0, 1), where.x, where.y)
+                places[values <= 0] = n
+            draw_pixels(ax, colours[places], (left, left + side, low, low + side), f"tube-{k}-{n}")
+            now = k == k_now and n_now in (n, None)
+            looks = {"edgecolor": OUTCOME_INK if now else INK if (k, n) in sources else "#9a9a9a"}
+            looks |= {"linewidth": 2.4 if now else 1.8 if (k, n) in sources else 0.6}
+            looks |= {"linestyle": "--" if (k, n) in sources else "-", "zorder": 4.0 if now else 3.0}
+            ax.add_patch(Rectangle((left, low), side, side, facecolor="none", gid=f"cell-{k}-{n}", **looks))
+        ax.text(-gap, (table.steps - k) * (side + gap) + side / 2, f"k = {k}", ha="right", va="center")
+        ax.text(k * (side + gap) + side / 2, -gap, f"n = {k}", ha="center", va="top")
+    far = (table.steps + 1) * (side + gap)
+    ax.set(xlim=(-0.45 * side, far), ylim=(-0.3 * side, far), aspect="equal")
+    ax.axis("off")
+    tubes = [(k, n) for k, n in done if n is not None]
+    newest = "nothing" if not done else f"walls of row {k_now}" if n_now is None else f"tube k = {k_now}, n = {n_now}"
+    return {
+        "made last": newest,
+        "tubes": len(tubes),
+        "games to reach": len(table.problem.inputs) * sum(n > 0 for _, n in tubes),
+        "games to avoid": len(table.problem.inputs) * (len(done) - len(tubes)),
+    }
+
+
+def draw_row(ax: Axes, table: Table, *, start: int, point: Sequence[float]) -> Numbers:
+    """A row of the look-up table: the tubes from step `start`, the leftmost one that holds `point` framed."""
+    most, gap, grid = table.steps - start, 0.15, table.grid
+    colours = np.array([NOTHING, UNSAFE_PINK])
+    where = plane(grid, point, resolution=LIVE)
+    unsafe = where.shaped(table.problem.unsafe_value(where.points, start * table.problem.delta)) <= 0
+    side = grid.upper[0] - grid.lower[0]
+    first = fewest_steps(table, point, start, most)
+    for n in range(most + 1):
+        left = n * (side + gap)
+        image = colours[unsafe.astype(int)]
+        image[slice_values(grid, table.values(start=start, within=n), point, (0, 1), where.x, where.y) <= 0] = (
+            step_colours(table.steps)[n]
+        )
+        chosen = n == first
+        draw_pixels(ax, image, (left, left + side, 0, side), f"tube-{n}")
+        width, colour, gid = (2.4, OUTCOME_INK, "frame") if chosen else (0.6, "#9a9a9a", f"cell-{n}")
+        looks = {"facecolor": "none", "linewidth": width, "edgecolor": colour}
+        ax.add_patch(Rectangle((left, 0), side, side, zorder=3.0, gid=gid, **looks))
+        ax.plot(left + point[0] - grid.lower[0], point[1] - grid.lower[1], **HERE)
+        ax.text(left + side / 2, side * 1.04, f"n = {n}", ha="center")
+    ax.set(xlim=(-0.05, (table.steps + 1) * (side + gap)), ylim=(-0.05, side * 1.2), aspect="equal")
+    ax.axis("off")
+    return {"fewest steps to go": first, "tubes that hold the point": 0 if np.isnan(first) else most + 1 - int(first)}
+
+
+# ---- widgets
+
+
+def explore_filling(table: Table) -> Explorer:
+    """The look-up table while it is made, row by row from below: first its walls, then one tube after another."""
+
+    def draw(figure: Figure, made: int) -> Numbers:
+        return draw_filling(figure.subplots(), table, made)
+
+    last = len(filling(table.steps))
+    controls = {"made": played(slider("walls and tubes made", 0, last, 1, (2 * last) // 3))}
+    alt = "The look-up table while it is filled, a tube made from its two neighbours"
+    return Explorer(draw, controls, size=(6.0, 5.0), alt=alt, process="made")
+
+
+def explore_row(table: Table) -> Explorer:
+    """A row of the look-up table: every tube from one step, and the leftmost one that holds a point you place."""
+
+    def draw(figure: Figure, start: int, x: float, y: float) -> Numbers:
+        return draw_row(figure.subplots(), table, start=start, point=(x, y))
+
+    controls = {
+        "start": slider("start, step k", 0, table.steps, 1, 0),
+        "x": slider("x (m)", -1.0, 1.0, 0.05, -0.3),
+        "y": slider("y (m)", -1.0, 1.0, 0.05, 0.3),
+    }
+    return Explorer(
+        draw, controls, size=(8.6, 2.1), alt="A row of tubes, the leftmost that holds the point framed", motion="x"
+    )
+
+
+def explore_plane_game(nodes: int = 41) -> Explorer:
+    """The point robot's whole game, solved at each change: adversary, sampling interval, inputs, obstacle."""
+
+    @lru_cache(maxsize=32)
+    def solved(v_max: float, delta: float, input_levels: int, obstacle_x: float, obstacle_speed: float) -> Table:
+        obstacle = Disk(Line((obstacle_x, -0.45), (0.0, obstacle_speed)), 0.16)
+        problem = point_robot(nodes, 4, delta=delta, v_max=v_max, input_levels=input_levels, obstacle=obstacle)
+        return sdhj.solve(problem, progress=False)
+
+    def draw(figure: Figure, start: int, **game: Any) -> Numbers:
+        table, ax = solved(**game), figure.subplots()
+        draw_plane_game(ax, table, start=start)
+        ax.set_title(f"from step {start}, t = {table.problem.time(start):.2f} s")
+        return {f"within {n}": table.fraction(start=start, within=n) for n in range(4 - start + 1)}
+
+    controls = {
+        "v_max": slider("adversary's speed (m/s)", 0.0, 0.9, 0.05, 0.25, live=False),
+        "delta": slider("sampling interval (s)", 0.05, 0.4, 0.05, 0.2, live=False),
+        "input_levels": slider("input levels on each axis", 2, 5, 1, 3, live=False),
+        "obstacle_x": slider("obstacle's x (m)", -0.8, 0.1, 0.05, -0.15, live=False),
+        "obstacle_speed": slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
+        "start": slider("start, step k", 0, 4, 1, 0),
+    }
+    return Explorer(draw, controls, size=(4.8, 3.9), slow="solving", alt="Tubes of the point robot", motion="v_max")
+
+
+# ---- checks
 
 
 def _game(seed, states=12, inputs=3, moves=2):

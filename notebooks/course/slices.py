@@ -27,8 +27,6 @@ POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad
 LIVE = 141  # points along each side of a slice that follows a slider
 HERE: dict[str, Any] = {"marker": "o", "markersize": 6, "color": OUTCOME_INK, "markeredgecolor": "white"}
 HERE |= {"zorder": 8, "gid": "here"}
-
-
 colours_of = cache(step_colours)  # a colour map takes a while to make
 
 

@@ -1,1 +1,0 @@
-"""Checks of the exercises, a module for each chapter."""

@@ -1,1 +1,0 @@
-"""Pictures, each of one thing."""

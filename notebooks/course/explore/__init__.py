@@ -1,1 +1,0 @@
-"""Widgets: sliders bound to the pictures of `course.draw`."""
