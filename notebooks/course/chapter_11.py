@@ -29,11 +29,11 @@ from course.slices import (
 )
 from course.widgets import Explorer, Numbers, agent_sliders, angle, choice, played, slider
 from sdhj.arm.case_studies import scene
+from sdhj.common.findings import ResolutionWarning
 from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_path, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.plotting.trajectories import WAY
-from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import Adversary, Moment
 from sdhj.simulation.runs import SUBSTEPS, Z95
