@@ -131,7 +131,7 @@ class CertifiedTable(Table):
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
         """The numbers (R,) of states (M, ndim) at a step that are in the target itself and clear, whatever their cell.
 
-        By the level-set functions (`Sampled.arrived`); of none that is off the grid by more than the shell.
+        By the level-set functions (`ReachAvoidProblem.arrived`); of none that is off the grid by more than the shell.
         """
         rows = self.problem.arrived(states, step)
         return rows[~np.logical_or(*self.past_ends(states[rows])).any(axis=1)] if rows.size else rows

@@ -153,11 +153,6 @@ def test_remembering_is_the_default_and_files_from_before_forget(tmp_path):
         assert sdhj.load(tmp_path / "table.npz", problem=joint(0.1, memory, 2)).problem.sensing.memory == memory
 
 
-def test_a_solve_says_which_error_eats_the_set():
-    with pytest.warns(ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
-        solved(0.01, cells=(40, 40), memory=False)
-
-
 def test_memory_is_true_or_false():
     with pytest.raises(ValueError, match="memory must be True or False"):
         sdhj.Sensing(0.1, memory="yes")
