@@ -242,6 +242,10 @@ def info(table: Path) -> None:
             "  sensing: " + ", ".join(f"{name} {value}" for name, value in head["sensing"].entry_in_head.items())
         )
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
+    if "checked" in head["details"]:
+        looked, made = head["details"]["checked"]
+        more = f"; sdhj verify {name} checks all" if looked < made else ""
+        click.echo(f"  {looked:,} of {made:,} claims were checked at the solve{more}")
     click.echo(f"  problem digest: {head['digest']}")
     for line in mathematics:
         click.echo(f"  {line}")

@@ -132,7 +132,10 @@ def solve(
         with _bar(problem, chosen, progress) as bar:
             _fill(sets, problem, bar)
         table = replace(cast(Any, sets.finish({"seconds": time.perf_counter() - started})), player=played)
-        said = _simulated_at_the_end(table) if play else {}
+        said: dict[str, Any] = {}
+        if isinstance(table, CertifiedTable):
+            said = {"checked": [*table.looked_over()], "seconds": time.perf_counter() - started}
+        said |= _simulated_at_the_end(table) if play else {}
         said |= {"findings": [list(one[:3]) for one in found]} if found else {}
         return table.with_details(dict(table.details) | said) if said else table
 

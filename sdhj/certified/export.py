@@ -521,6 +521,13 @@ def c_comment(text: str) -> str:
     return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
 
 
+def checked_in_c(table: CertifiedTable) -> list[str]:
+    """Lines of a comment of C: how many of the table's claims were checked when it was solved."""
+    looked, made = table.details.get("checked", (0, 0))
+    more = "; `sdhj verify` checks all" if looked < made else ""
+    return [f" * {looked:,} of {made:,} claims of the table were checked at its solve{more}"] * (made > 0)
+
+
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
     """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`, the bytes of `sdhj_table.bin`.
 
@@ -536,6 +543,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f" * state: {', '.join(axes)}, in the problem's units (by convention metres, radians, seconds)",
         f" * the file answers {', '.join(fields)}; sdhj_select prefers by the rule {rule!r}",
         f" * problem {problem.digest}",
+        *checked_in_c(table),
         " */",
         "#ifndef SDHJ_ROBOT_H",
         "#define SDHJ_ROBOT_H",

@@ -1,5 +1,6 @@
 """The look-up table of the certified method, whose every answer is proved."""
 
+import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +15,7 @@ import numpy as np
 from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
-from sdhj.certified.check import Verdict
+from sdhj.certified.check import Verdict, looked_over
 from sdhj.certified.check import verify as check
 from sdhj.certified.explaining import explain, on_few_nodes
 from sdhj.certified.general_proof import GeneralProof
@@ -25,11 +26,12 @@ from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, boxes_in_set, fewest_steps, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
+from sdhj.problem.describing import arrays_of
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
 from sdhj.table.container import Contents
-from sdhj.table.files import TableFileError, read_array, write_table
+from sdhj.table.files import TableFileError, make_head, read_array, write_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -77,6 +79,11 @@ class CertifiedTable(Table):
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof
         """The problem of the proof."""
         return self.proof.problem
+
+    def __repr__(self) -> str:
+        """As of any table, and how many of its claims were checked."""
+        looked, made = self.details.get("checked", (0, 0))
+        return f"{super().__repr__()[:-1]}; {looked:,} of {made:,} claims checked>" if made else super().__repr__()
 
     @property
     def axes(self) -> tuple[CellAxis, ...]:
@@ -613,12 +620,42 @@ class CertifiedTable(Table):
             given = self.problem if self.problem.opaque else None
             return check(path, given, everywhere=everywhere, samples=samples, progress=progress)
 
+    def looked_over(self) -> tuple[int, int]:
+        """How many claims the checker has looked at in memory, all of few and a sample of many, and how many there are.
+
+        RuntimeError that names the first of those that it does not prove.
+        """
+        arrays, given = self._arrays | arrays_of(self.problem), self.problem if self.problem.opaque else None
+        looked, made, wrong = looked_over(self._head, arrays, given)
+        if wrong:
+            raise RuntimeError(
+                f"the solve claims what its check does not prove: {'; '.join(wrong)}. No table is returned, as none of "
+                "it can be trusted; more parts, sdhj.Certified(parts=...), may help. Please report the problem"
+            )
+        return looked, made
+
     def save(self, path: str | os.PathLike[str], compress: bool = True) -> None:
         """Write the table to a file, as `LookupTable.save` does, which is replaced, whole or not at all.
 
         path : of the file; `CertifiedTable.read` says what is checked when it is read. compress : whether arrays are
         packed; if not, they are mapped when the file is loaded. OSError if it cannot be written.
         """
+        write_table(path, self, self._arrays, compress, **self._entries)
+
+    @property
+    def _head(self) -> dict[str, Any]:
+        """The head of a file of the table as it is read of one, but for digests."""
+        head = make_head(self.problem, self.method, self.details, "") | self._entries
+        return dict(json.loads(json.dumps(head)))
+
+    @property
+    def _arrays(self) -> dict[str, FloatArray]:
+        """The arrays that a file of the table has, by name, but those of its problem."""
+        return {"index": self.index, "pool": self.pool} | self.proof.arrays
+
+    @property
+    def _entries(self) -> dict[str, Any]:
+        """What the head of a file says of cells and proof."""
         cells = {
             "kind": self.proof.kind,
             "shape": self.shape,
@@ -629,8 +666,7 @@ class CertifiedTable(Table):
         }
         if self.cells.layers.any():
             cells["layers"] = [list(axis.layers) for axis in self.axes]
-        arrays = {"index": self.index, "pool": self.pool} | self.proof.arrays
-        write_table(path, self, arrays, compress, cells=cells, proof=self.proof.entry_in_head)
+        return {"cells": cells, "proof": self.proof.entry_in_head}
 
     @classmethod
     def read(
@@ -658,6 +694,9 @@ class CertifiedTable(Table):
         pool = read_array(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if problem.has_no_target and head["details"].get("endless") and len(index) > 1:
             raise ValueError("it says to be for ever, and its sets are for some steps")
+        if "checked" in head["details"]:
+            looked, made = head["details"]["checked"]
+            whole("checked", looked, least=0, most=whole("checked", made, least=0))
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, head["details"], **fields)

@@ -904,7 +904,7 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "axes twice": (lambda told: told["sets"][1].update(axes=[0, 0]), "axes of a set"),
     "kinds": (lambda told: told["sets"].reverse(), "sets must be a target, if there is one, and unsafe sets"),
     "ends": (lambda told: told["grid"].update(ends=[["open", "wall"]] * 2), "ends must be of safe, unsafe, wall"),
-    "order": (lambda told: told["grid"].update(upper=[-3.0, 2.0]), "lower ends must be below"),
+    "order": (lambda told: told["grid"].update(upper=[-3.0, 2.0]), "upper ends must be 1e-120 above"),
     "seven axes": (lambda told: told["grid"].update(lower=[0.0] * 7), "a grid must have 1 to 6 axes"),
     "no number": (lambda told: told["grid"].update(lower=["0", 0.0]), "lower must be a number"),
     "nodes": (lambda told: told["grid"].update(shape=[1, 21]), "shape must be numbers of nodes"),

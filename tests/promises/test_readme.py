@@ -48,6 +48,14 @@ def test_files_that_are_named_are_there() -> None:
     assert [path for path in missing if path.name != "car.py"] == []  # which the reader saves
 
 
+def test_the_checker_is_as_long_as_it_says() -> None:
+    """Of all robots but the paper's arm."""
+    said = re.search(r"some ([\d,]+) lines of NumPy", " ".join(TEXT.split()))
+    files = [*(ROOT / "sdhj" / "certified" / "check").glob("*.py")]
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
+    assert said and abs(int(said[1].replace(",", "")) - lines) < 100
+
+
 def test_it_is_read_in_ten_minutes() -> None:
     """But for tables and an address no line is wider than a screen."""
     lines = TEXT.splitlines()

@@ -1,36 +1,26 @@
-"""An independent check of certified sets: reads a file and derives its claims anew.
+"""An independent check of certified sets: it reads a file and derives its claims anew.
 
-Nothing of the solver is used, neither its code nor its bounds: only the numbers in the file. What is proved, and how:
+Nothing of the solver is used, neither its code nor its bounds: only the numbers in the file, NumPy and Python's
+standard library. To be read in this order:
 
-1.  *The cells cover the axes*, in fractions; the period of an angle is an interval that holds 2 pi. (`uncovered`)
-2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`cells_added`)
-3.  *Reach*: under some input everything that a new cell of S_k^n can lead to lies in cells of S_{k+1}^{n-1}. The cells
-    of an axis that the image of a cell may overlap are worked out in fractions, walls included (`overlapped`), and the
-    whole product of the four lists has to be in the set. Along the agent's axes that product stays in one block of the
-    file's pool, so each block is eroded once (`erode`); along the joints' axes eroded blocks are intersected
-    (`reaching`).
-4.  *Clearance*: under the same input the arm meets neither the pursuer nor a known obstacle at any time of the closed
-    interval. A link and a disk, or a cell of the pursuer grown by what it can move, are further apart than r if along
-    some unit vector n every point of the body is more than r ahead of every point of the link. How far a link extends
-    along n is bounded for all joint angles of a box at once (`farthest`). For all of the pursuer's cells in a row some
-    directions are tried in every part of the interval, and each proves a half plane of cells (`sweep`). The cells that
-    this leaves are asked about one by one, each with a direction of its own; where one direction does not do, time,
-    angles and cell are halved (`link_clear`).
-5.  *Goals*: the cells of S_k^0 are inside the target at t_k (`tip_inside`), and clear of everything at that instant.
-6.  *Rounding* is bounded once for all numbers that are let in (`separation`), and a state counts as in a cell up to
-    1e-10 from it (`moved`), in metres and radians; of other robots all that is allowed is a share of the coordinates.
-7.  *The file* describes what its head names: the digest of the problem is computed from what is read of it, names of
-    axes and sets included (`reading`), and an arm's recipe makes what the head describes (`recipe`). A forger may write
-    the digest of another problem as well: only who has the problem finds that, by `sdhj verify --problem` or
-    `sdhj.load(path, problem=...)`, which compare it with the file's.
+1.  `argument`: why the sets hold, for any robot, in one file. Its first lines say where each obligation stands: ten of
+    the eleven that `sdhj.certified.sets` lists, as the last, that a controller finds what is proved, is no claim of a
+    file.
+2.  `stated`: the problem that the file states, entry by entry; what is not known is refused. It is printed before the
+    verdict, as it was read.
+3.  `formulas` and `intervals`: functions as text, and bounds of them over boxes, rounded outward.
+4.  `reading` and `files`: numbers, arrays and bytes, of which no one counts before its digest is right. The digest of
+    the problem is computed from what is read of it. A forger may write that of another problem as well: only who has
+    the problem finds this, by `sdhj verify --problem` or `sdhj.load(path, problem=...)`, which compare it with the
+    file's.
+5.  `words`: what C reads of an exported file is within what is proved.
+6.  `sampled`: the look at its own claims with which a solve ends, at a sample where they are many. It proves nothing of
+    the rest.
 
-Statements of `arm`, `formulas` and `intervals` marked `# check 4.2` are of 4, and a test fails where they are changed
-(tests/changes.py).
+The answer is "proved" or "not proved": what holds may, in principle, need a finer look than is taken.
 
-The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
-granted. This is the arm's (`arm`, with `bits`), which is compiled. For every other robot, whose functions are in the
-file as text, the whole argument is in `argument`, in NumPy alone: begin there. It reads the problem by `stated`, its
-functions by `formulas` and `intervals`, files by `files` and `reading`, and what was exported for C by `words`.
+The case studies' arm has a geometry of its own, and a checker of its own for it, `arm`, which is compiled; it is loaded
+for the file of an arm alone.
 
 From the command line: `python -m sdhj.certified.check table.npz`, or `sdhj verify table.npz`, with `--problem
 module:function` where the robot has black boxes.
@@ -38,18 +28,17 @@ module:function` where the robot has black boxes.
 
 import os
 import sys
+import time
+from collections.abc import Iterable, Iterator
 from typing import Any
 
-from tqdm import tqdm
-
-from sdhj.certified.check.argument import Argument
-from sdhj.certified.check.arm.claims import Arm
-from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
+from sdhj.certified.check.argument import Argument, silently
 from sdhj.certified.check.claims import Claim, Verdict
 from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
+from sdhj.certified.check.sampled import looked_over
 from sdhj.certified.check.words import Words, claims
 
-__all__ = ["Claim", "Verdict", "verify"]
+__all__ = ["Claim", "Verdict", "looked_over", "verify"]
 
 
 def verify(
@@ -104,10 +93,13 @@ def verify(
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
     words = None if exported is None else Words(exported)
-    sets: Arm | Argument | None = None
+    silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
+    sets: Any = None
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
+            from sdhj.certified.check.arm.claims import Arm  # with Numba, which no other robot needs
+
             expect_room(Arm.bytes_needed(arrays))
             sets = Arm(head, arrays)
         elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
@@ -121,15 +113,24 @@ def verify(
         )
     if sets is None:
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
-    silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
-    if isinstance(sets, Arm):
-        found = [*sets.claims(samples, seed, silent)]
-        found += [] if words is None else claims_of_an_arm(words, sets, head, silent)
-        return Verdict(tuple(found))
+    if isinstance(sets, Argument):
+        bar = silently if silent else shown
+        found = [*sets.claims(everywhere, samples, seed, bar)]
+        found += [] if words is None else claims(words, sets, everywhere, bar)
+        return Verdict(tuple(found), str(sets.problem))
+    found = [*sets.claims(samples, seed, silent)]
+    if words is not None:
+        from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 
-    def bar(through: Any, what: str, total: int) -> Any:
-        return tqdm(through, what, total, disable=silent)
+        found += claims_of_an_arm(words, sets, head, silent)
+    return Verdict(tuple(found))
 
-    found = [*sets.claims(everywhere, samples, seed, bar)]
-    found += [] if words is None else claims(words, sets, everywhere, bar)
-    return Verdict(tuple(found), str(sets.problem))
+
+def shown(through: Iterable[Any], what: str, total: int) -> Iterator[Any]:
+    """A `Bar` that tells on standard error how far it is, some times a second."""
+    told = 0.0
+    for number, one in enumerate(through, 1):
+        if number == total or time.monotonic() - told > 0.1:
+            told = time.monotonic()
+            print(f"\r{what}: {number:,} of {total:,}", end="\n" * (number == total), file=sys.stderr, flush=True)
+        yield one

@@ -42,7 +42,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
+from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, Claim
 from sdhj.certified.check.intervals import Array
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
@@ -54,7 +54,7 @@ from sdhj.certified.check.reading import (
     is_whole,
     reals,
 )
-from sdhj.certified.check.stated import Function, Part, Problem, Times, entry, flags, listed
+from sdhj.certified.check.stated import MOST_INPUTS, Function, Part, Problem, Times, entry, flags, listed
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
@@ -71,12 +71,14 @@ STRIDES = 8  # in which a controller moves a measurement on
 TILE = 8  # cells along an axis that are looked at together first
 SLAB = 1 << 15  # boxes that are looked at at once
 PLACES = 1 << 16  # whose tubes are in memory at once
-MOST_TOGETHER, MOST_CELLS = 4, 1 << 26  # inputs that are looked at together, and cells of all of them
+MOST_CELLS = 1 << 26  # of all tasks that are looked at together
 SHOWN = 5  # failures that are named
 OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower and the upper ends of boxes
 
 # of boxes (2, axes, M) to where something holds all over them, and where it nowhere does, both (M,) bool
 Holds = Callable[[Array], tuple[Array, Array]]
+# of boxes of cells, from first to past, (ndim, M) each, to whether all of their cells are in a set, (M,) bool
+AllIn = Callable[[Array, Array], Array]
 # of what is gone through, what it is called, and how many there are, to the same, shown as it is gone through
 Bar = Callable[[Iterable[Any], str, int], Iterable[Any]]
 
@@ -138,6 +140,24 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     return out
 
 
+def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Array:
+    """For which cells, of those that are True in `some`, it is not proved that something holds; bool as `some`.
+
+    Tiles of cells that move alike are looked at first, in one box each, then smaller ones, and where it is open cell by
+    cell. holds : as of `Argument.questions`. tiles : how many cells they have along each axis.
+    """
+    open_ = np.ones((1,) * some.ndim, np.bool_)
+    while True:
+        asked = in_tiles(some, tiles)
+        asked &= spread(open_, asked.shape)
+        first = np.array(np.nonzero(asked)) * tiles[:, None]
+        last = np.minimum(first + tiles[:, None], np.array(some.shape)[:, None]) - 1
+        asked[asked] = ~in_slabs(holds, np.concatenate([first, last]))
+        if (tiles == 1).all():
+            return asked
+        open_, tiles = asked, np.maximum(tiles // 2, 1)
+
+
 def in_slabs(holds: Callable[[Array], Array], cells: Array) -> Array:
     """holds(cells), (M,) bool, called with at most `SLAB` of the cells (ndim, M) at once."""
     begins = range(0, max(cells.shape[1], 1), SLAB)
@@ -179,14 +199,17 @@ class Argument:
         laps = 1 + int(self.problem.periodic.any())
         tubes = 16 * self.problem.ndim * places * (self.parts + 12)
         # truth values of cells, and sums of a set beside some of it
-        return max(self.together * (cells * 10 + looks + tubes), cells * (8 + 4 * laps)) + min(cells, SLAB * 8) * 64
+        each = max(cells * 10 + looks + tubes, cells * (8 + 4 * laps)) + min(cells, SLAB * 8) * 64
+        return self.together(MOST_INPUTS) * each
 
-    @property
-    def together(self) -> int:
-        """How many inputs are looked at together."""
-        cores = min(os.cpu_count() or 1, MOST_TOGETHER, self.low.shape[0] * self.low.shape[1])
-        boxed = bool(self.problem.trusted)  # what users wrote may not bear it
-        return 1 if boxed else min(cores, max(MOST_CELLS // math.prod(self.counts.tolist()), 1))
+    def together(self, tasks: int) -> int:
+        """How many tasks are looked at together: as many as there are cores, but one where users' functions are called.
+
+        Fewer of many cells, so that they fit into memory.
+        """
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        most = max(MOST_CELLS // math.prod(self.counts.tolist()), 1)
+        return 1 if self.problem.trusted else min(cores, tasks, most)  # what users wrote may not bear it
 
     # ---- what the file says
 
@@ -317,11 +340,14 @@ class Argument:
         own = zip(strides.tolist(), self.counts.tolist(), strict=True)
         return np.array([places // stride % n if stride else 0 * places for stride, n in own])
 
+    def row(self, step: int, within: int) -> Array:
+        """Of the set S_step^within the number of the block of each row of cells. Alike: whatever the step."""
+        number = step * (self.problem.steps + 1) - step * (step - 1) // 2 + within
+        return self.index[min(within, len(self.index) - 1) if self.alike else number]
+
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file: (cells,) bool, the last axis fastest. Alike: whatever the step."""
-        row = step * (self.problem.steps + 1) - step * (step - 1) // 2 + within
-        row = min(within, len(self.index) - 1) if self.alike else row
-        blocks = self.pool[self.index[row]].view(np.uint8)
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
+        blocks = self.pool[self.row(step, within)].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
     # ---- 1: cells
@@ -586,64 +612,44 @@ class Argument:
             part_of_it = self.known | self.safe.any(axis=1)
             part_of_it[axes] = True
             some = np.logical_or.reduce(asked & ~bad, axis=axes_of(~part_of_it), keepdims=True)
-            tiles = np.where(self.known | ~part_of_it, 1, TILE)
-            bad |= holds(some, tiles)
+            bad |= left_open(holds, some, np.where(self.known | ~part_of_it, 1, TILE))
         return bad & asked
 
     def questions(
         self, one: Clear, step: int, j: int, tubes: Tubes
-    ) -> Iterator[tuple[list[int], Callable[[Array, Array], Array]]]:
-        """Yield what has to be asked of tubes: on which axes, and the function that answers for cells and tiles."""
+    ) -> Iterator[tuple[list[int], Callable[[Array], Array]]]:
+        """Yield what has to be asked of tubes: on which axes, and the function that answers for tiles of cells.
+
+        It is called with the first and the last cells of tiles, (2 ndim, M), for whether all is well: (M,) bool.
+        """
         for k in axes_of(one.ends):
-            yield [k], partial(self.past_an_end, k, tubes)
+            yield [k], partial(self.stays, k, tubes)
         for part in one.parts:
             if part.inputs is None or j in part.inputs:
-                yield part.axes, partial(self.met, part, step, tubes)
+                yield part.axes, partial(self.misses, part, step, tubes)
 
-    def past_an_end(self, k: int, tubes: Tubes, some: Array, _: Array) -> Array:
-        """From which cells, of those that are True in `some`, a tube may pass an unsafe end of an axis, as `some`."""
+    def stays(self, k: int, tubes: Tubes, tiles: Array) -> Array:
+        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), pass no unsafe end: (M,) bool."""
+        first, last = np.split(tiles, 2)
+        low, high = self.whole(first, last, tubes)[:, k]
+        robot, room = self.problem, self.room[k]
+        return ((low >= robot.lower[k] - room) | ~self.unsafe[k, 0]) & (
+            (high <= robot.upper[k] + room) | ~self.unsafe[k, 1]
+        )
 
-        def stays(cells: Array) -> Array:
-            low, high = self.whole(cells, cells, tubes)[:, k]
-            robot, room = self.problem, self.room[k]
-            return ((low >= robot.lower[k] - room) | ~self.unsafe[k, 0]) & (
-                (high <= robot.upper[k] + room) | ~self.unsafe[k, 1]
-            )
+    def misses(self, part: Part, step: int, tubes: Tubes, tiles: Array) -> Array:
+        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), miss an unsafe set: (M,) bool.
 
-        out = some.copy()
-        out[some] = ~in_slabs(stays, np.array(np.nonzero(some)))
-        return out
-
-    def met(self, part: Part, step: int, tubes: Tubes, some: Array, tiles: Array) -> Array:
-        """From which cells, of those that are True in `some`, a tube may meet an unsafe set; bool as `some`.
-
-        Tiles of cells that move alike are looked at first, in one box each, then smaller ones, and where it is open
-        cell by cell and part by part.
+        Tubes from single cells are looked at part by part where it is open.
         """
-        at = self.time(step)
+        at, (first, last) = self.time(step), np.split(tiles, 2)
         cuts = [at + cut for cut in self.cuts(1)] if part.moving else [self.always[0]] * self.parts + [self.always[1]]
         late = self.problem.jitter if part.moving else 0.0
-        open_ = np.ones((1,) * some.ndim, np.bool_)
-        while True:
-            asked = in_tiles(some, tiles)
-            asked &= spread(open_, asked.shape)
-            cells = np.array(np.nonzero(asked))
-            alone = bool((tiles == 1).all())
-
-            def misses(first: Array, tiles: Array = tiles, alone: bool = alone) -> Array:
-                first = first * tiles[:, None]
-                past = np.minimum(first + tiles[:, None], np.array(some.shape)[:, None]) - 1
-                box = self.whole(first, past, tubes) + OUT * 2 * self.near[:, None]
-                good = self.outside(part, box[:, part.axes], (cuts[0] - late, cuts[-1] + late), 0)
-                left = np.flatnonzero(~good)
-                if alone and left.size:
-                    good[left] = self.misses_in_parts(part, first[:, left], cuts, late, tubes)
-                return good
-
-            asked[asked] = ~in_slabs(misses, cells)
-            if alone:
-                return asked
-            open_, tiles = asked, np.maximum(tiles // 2, 1)
+        box = self.whole(first, last, tubes) + OUT * 2 * self.near[:, None]
+        good = self.outside(part, box[:, part.axes], (cuts[0] - late, cuts[-1] + late), 0)
+        if (first == last).all() and (left := np.flatnonzero(~good)).size:
+            good[left] = self.misses_in_parts(part, first[:, left], cuts, late, tubes)
+        return good
 
     def misses_in_parts(self, part: Part, cells: Array, cuts: list[float], late: float, tubes: Tubes) -> Array:
         """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool.
@@ -717,9 +723,11 @@ class Argument:
         wrong = []
         for step, within in self.pairs:
             if within:
-                row = [self.bits(step, within), self.bits(step, within - 1)]
-                less, more = row if self.problem.target is None else row[::-1]
-                wrong += [f"start {step}, within {within}"] * bool((less & ~more).any())
+                rows = [self.row(step, within), self.row(step, within - 1)]
+                less, more = rows if self.problem.target is None else rows[::-1]
+                others = less != more  # the cells of one block are the same
+                lacks = (self.pool[less[others]] & ~self.pool[more[others]]).any()
+                wrong += [f"start {step}, within {within}"] * bool(lacks)
         return wrong
 
     @property
@@ -730,29 +738,28 @@ class Argument:
         steps = self.problem.steps
         return [(k, n) for k in range(1 if self.alike else steps + 1) for n in range(steps - k + 1)]
 
-    def not_nearer(self, step: int, within: int, chosen: Array) -> tuple[int, int, list[int]]:
-        """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or into the target itself.
+    def not_nearer(self, step: int, within: int, chosen: Array) -> "Count":
+        """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or into the target itself, counted.
 
-        With a target only of cells that S_k^{n-1} has not. Before them how many there are, and how many of them are
-        `chosen`, (cells,) bool.
+        With a target only of cells that S_k^{n-1} has not. chosen : (cells,) bool, those that are looked at.
         """
         new = self.bits(step, within)
         if self.problem.target is not None:
             new = new & ~self.bits(step, within - 1)
         asked = new & chosen
-        sums = self.sums(self.bits(step + 1, within - 1)) if asked.any() else None
+        all_in = partial(self.all_in, self.sums(self.bits(step + 1, within - 1)) if asked.any() else None)
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
             numbers = begin + np.flatnonzero(asked[begin : begin + SLAB * 8])
             for j in range(self.problem.count if numbers.size else 0):
-                numbers = numbers[~self.leads(numbers, step, j, sums)]
+                numbers = numbers[~self.leads(numbers, step, j, all_in)]
             wrong += numbers.tolist()
-        return int(new.sum()), int(asked.sum()), wrong
+        return Count(int(new.sum()), int(asked.sum()), 0, len(wrong), wrong[:SHOWN])
 
-    def leads(self, numbers: Array, step: int, j: int, sums: Any) -> Array:
+    def leads(self, numbers: Array, step: int, j: int, all_in: AllIn) -> Array:
         """Whether u_j is clear from cells with flat numbers (M,) and leads all of each into a set, or into the target.
 
-        What has wholly left over a safe end by a cell counts as in the set. sums : of the set.
+        What has wholly left over a safe end by a cell counts as in the set. all_in : tells which boxes are in the set.
         """
         cells, out = np.array(np.unravel_index(numbers, self.counts)), np.ones(len(numbers), np.bool_)
         for one in self.clear:
@@ -761,7 +768,7 @@ class Argument:
         cells = cells[:, left]
         start, places = min(step, len(self.low) - 1), self.strides @ cells
         first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
-        inside = self.all_in(first, past, sums)
+        inside = all_in(first, past)
         for k in range(len(cells)):
             n = self.counts[k]
             inside |= (past[k] < 0) & self.safe[k, 0] | (first[k] > n) & self.safe[k, 1]
@@ -790,7 +797,7 @@ class Argument:
             np.cumsum(out, axis=axis, out=out)
         return out
 
-    def all_in(self, first: Array, past: Array, sums: Array) -> Array:
+    def all_in(self, sums: Any, first: Array, past: Array) -> Array:
         """Whether all cells of boxes from first to past (ndim, M) are in a set: as many of them as there are.
 
         Boxes end with the grid, and go around where an axis closes. sums : of the set.
@@ -838,7 +845,7 @@ class Argument:
             chosen[:] = False
             chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         if self.problem.sensed:
-            yield Claim("predictions are as near as stated", self.problem.count, self.problem.count, self.far_off())
+            yield Claim(PREDICTED, self.problem.count, self.problem.count, self.far_off())
         yield from self.claims_of_inputs(every, chosen, bar)
         yield Claim(GROW, len(self.pairs), len(self.pairs), self.do_not_grow())
         yield from self.claims_of_sets(chosen, bar)
@@ -848,8 +855,8 @@ class Argument:
     def claims_of_inputs(self, every: bool, chosen: Array, bar: Bar) -> Iterator[Claim]:
         """Yield the claims of where inputs lead, from where they are clear, and which lead into the target itself."""
         tasks = [*np.ndindex(self.low.shape[:2])]
-        found = {"moves": Count(), "clear of the unsafe sets": Count(), ARRIVE: Count()}
-        with ThreadPoolExecutor(self.together) as pool:
+        found = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}
+        with ThreadPoolExecutor(self.together(len(tasks))) as pool:
             made = pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)
             for each in bar(made, "moves", len(tasks)):
                 for own, one in zip(found.values(), each, strict=True):
@@ -936,23 +943,23 @@ class Argument:
     def claims_of_sets(self, chosen: Array, bar: Bar) -> Iterator[Claim]:
         """Yield the claims of cells: that they are in the target, and safe; or lead one step nearer."""
         goals, nearer = Count(), Count()
-        with np.errstate(all="ignore"):
-            for step, within in bar(self.pairs, "sets", len(self.pairs)):
-                if within:
-                    made, checked, wrong = self.not_nearer(step, within, chosen)
-                    nearer.add(
-                        Count(made, checked, 0, len(wrong), wrong[:SHOWN]), f"start {step}, within {within}, cell "
-                    )
-                    continue
-                here = self.bits(step, 0)
-                asked = np.flatnonzero(here & chosen)
-                slabs = np.array_split(asked, -(-asked.size // SLAB) or 1)
-                bad = np.concatenate([own[~self.goals_hold(own, step)] for own in slabs]).tolist()
-                goals.add(
-                    Count(int(here.sum()), asked.size, 0, len(bad), bad[:SHOWN]), f"start {step}, within 0, cell "
-                )
+        with ThreadPoolExecutor(self.together(len(self.pairs))) as pool:
+            made = pool.map(lambda pair: self.of_a_set(pair[0], pair[1], chosen), self.pairs)
+            for (step, within), one in zip(self.pairs, bar(made, "sets", len(self.pairs)), strict=True):
+                (nearer if within else goals).add(one, f"start {step}, within {within}, cell ")
         for name, own in ((GOALS, goals), (NEARER, nearer)):
             yield Claim(name, own.made, own.checked, own.wrong, own.failed)
+
+    def of_a_set(self, step: int, within: int, chosen: Array) -> "Count":
+        """What is claimed of the cells of S_k^n, counted."""
+        if within:
+            return self.not_nearer(step, within, chosen)
+        here = self.bits(step, 0)
+        asked = np.flatnonzero(here & chosen)
+        slabs = np.array_split(asked, -(-asked.size // SLAB) or 1)
+        with np.errstate(all="ignore"):
+            bad = np.concatenate([own[~self.goals_hold(own, step)] for own in slabs]).tolist()
+        return Count(int(here.sum()), asked.size, 0, len(bad), bad[:SHOWN])
 
 
 class Count:

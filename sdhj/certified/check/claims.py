@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 SHOWN = 5  # failures listed for each claim
-COVER, GROW, GOALS, ARRIVE, NEARER = (
+COVER, PREDICTED, MOVES, CLEAR, ARRIVE, GROW, GOALS, NEARER = (
     "cells cover the axes",
+    "predictions are as near as stated",
+    "moves",
+    "clear of the unsafe sets",
+    "into the target itself",
     "sets grow with the steps to go",
     "in the target, and safe",
-    "into the target itself",
     "one step nearer",
 )
 

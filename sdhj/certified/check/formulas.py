@@ -86,14 +86,14 @@ class Reader:
 
     def operands(self, words: list[str]) -> tuple[int, ...]:
         """The words of a line as the numbers of earlier nodes; ValueError where one is not."""
-        return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)  # check 7.3
+        return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)
 
     def read(self, lines: Any) -> "Formula":
         """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong.
 
         lines : at most `MOST_LINES`, the last one `return`. To be called once for a reader.
         """
-        fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES  # check 7.4
+        fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
             self.line = line
@@ -128,11 +128,10 @@ class Reader:
         operands = self.operands(words[:count])
         if name == "power":
             exponent = int(words[1]) if EXPONENT.fullmatch(words[1]) else MOST_EXPONENT + 1
-            # check 7.5
             self.expect(abs(exponent) <= MOST_EXPONENT, f"an exponent must be from -{MOST_EXPONENT} to {MOST_EXPONENT}")
             return Node(name, operands, (exponent,))
         truths = operands[:1] if name == "where" else operands if name in ("and", "or", "not") else ()
-        self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")  # check 7.6
+        self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")
         same = name == "mul" and operands[0] == operands[1]
         return Node("sqr", operands[:1]) if same else Node(name, operands)
 
@@ -240,7 +239,7 @@ class Formula:
         number : which one; None: on any.
         """
         found = (self.nodes[n] for n in self.needed)
-        return any(node.name == leaf and number in (None, *node.given) for node in found)  # check 7.2
+        return any(node.name == leaf and number in (None, *node.given) for node in found)
 
     @cached_property
     def jumps(self) -> list[int]:
@@ -259,7 +258,7 @@ class Formula:
         sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts. Other nodes count on
             both.
         """
-        numbers = tuple(None if np.ndim(a) else (float(a), float(b)) for a, b in parameters)  # check 6.43
+        numbers = tuple(None if np.ndim(a) else (float(a), float(b)) for a, b in parameters)
         values = dict(self.in_all_boxes(numbers))
         for number in self.needed:
             if number in values:
@@ -269,7 +268,7 @@ class Formula:
             jumped = () if side is None else (side,)
             values[number] = sure(*self.value(node, operands, low, high, parameters, *jumped))
             for operand in self.done.get(number, ()):
-                del values[operand]  # check 7.7
+                del values[operand]
         return (values[number] for number in self.results)
 
     @staticmethod
@@ -302,7 +301,6 @@ class Formula:
             first = self.once(low, high, parameters, every[0])
             rows = np.flatnonzero((first != found).any(axis=(0, 2)))
             own = [(a[rows], b[rows]) if np.ndim(a) else (a, b) for a, b in parameters]
-            # check 6.19
             each = [first[:, rows], *(self.once(low[rows], high[rows], own, sides) for sides in every[1:])]
             found[0, rows], found[1, rows] = np.min(each, axis=0)[0], np.max(each, axis=0)[1]
         return found[0], found[1]

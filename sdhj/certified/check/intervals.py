@@ -23,8 +23,8 @@ Array = NDArray[Any]
 Interval = tuple[Array, Array]
 
 UNIT = 2.0**-52
-UNITS = 2.0**-49  # check 6.29
-TINY = 5e-324  # the least positive number  # check 6.5
+UNITS = 2.0**-49
+TINY = 5e-324  # the least positive number
 NEAR_ZERO = 2.0**-56
 ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
 DOUBT = 1e-14  # of a number of turns: more than its rounding
@@ -34,14 +34,14 @@ MOST_BLOCKS = 8  # of nodes, along each axis of a box with more, and one
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
     """[low - (by |low| + least), high + (by |high| + least)]: ends moved outward by a share of their size, and more."""
-    return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)  # check 6.4
+    return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)
 
 
 def sure(low: Array, high: Array) -> Interval:
     """[low, high], with NaN at both ends where one of the ends is not finite."""
     if math.isfinite((low - high).sum()):  # so all ends are
         return low, high
-    known = np.isfinite(low) & np.isfinite(high)  # check 6.24
+    known = np.isfinite(low) & np.isfinite(high)
     return np.where(known, low, np.nan), np.where(known, high, np.nan)
 
 
@@ -52,7 +52,7 @@ def unless(undefined: Array, low: Array, high: Array) -> Interval:
 
 def above(least: float, low: Array, high: Array) -> Interval:
     """[max(low, least), high], for a function whose values are known to be at least `least`."""
-    return np.maximum(low, least), high  # check 6.6
+    return np.maximum(low, least), high
 
 
 # ---- arithmetic
@@ -70,7 +70,7 @@ def add(a: Interval, b: Interval) -> Interval:
 
 def sub(a: Interval, b: Interval) -> Interval:
     """a - b = a + (-b), rounded outward."""
-    return add(a, neg(b))  # check 6.25
+    return add(a, neg(b))
 
 
 def rest(a: Array, b: Array, total: Array) -> Array:
@@ -84,7 +84,7 @@ def hull_at_corners(of: Callable[[Array, Array], Array], a: Interval, b: Interva
 
     Nothing is rounded outward.
     """
-    ends = [of(p, q) for p in each_end(a) for q in each_end(b)]  # check 6.26
+    ends = [of(p, q) for p in each_end(a) for q in each_end(b)]
     return reduce(np.minimum, ends), reduce(np.maximum, ends)
 
 
@@ -93,7 +93,7 @@ def each_end(a: Interval) -> Interval | tuple[Array]:
 
     Its ends may be zeros of both signs, which are not the same to `arctan2`.
     """
-    return a[:1] if np.ndim(a[0]) == 0 and a[0] == a[1] != 0.0 else a  # check 6.42
+    return a[:1] if np.ndim(a[0]) == 0 and a[0] == a[1] != 0.0 else a
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
@@ -109,7 +109,7 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
         return low, high
     same_sign = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
-    return np.where(same_sign, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)  # check 6.7
+    return np.where(same_sign, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)
 
 
 def mul(a: Interval, b: Interval) -> Interval:
@@ -119,7 +119,7 @@ def mul(a: Interval, b: Interval) -> Interval:
 
 def div(a: Interval, b: Interval) -> Interval:
     """a / b: the hull of the quotients of the ends, rounded outward; NaN where b holds 0."""
-    return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))  # check 6.8
+    return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))
 
 
 def share(a: Interval, b: Interval) -> Interval:
@@ -129,7 +129,7 @@ def share(a: Interval, b: Interval) -> Interval:
     """
     known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
     low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
-    return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)  # check 6.9
+    return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)
 
 
 def neg(a: Interval) -> Interval:
@@ -139,7 +139,7 @@ def neg(a: Interval) -> Interval:
 
 def size(a: Interval) -> Interval:
     """|[low, high]| = [max(low, -high, 0), max(-low, high)], exactly."""
-    return np.maximum(np.maximum(a[0], -a[1]), 0.0), np.maximum(-a[0], a[1])  # check 6.27
+    return np.maximum(np.maximum(a[0], -a[1]), 0.0), np.maximum(-a[0], a[1])
 
 
 def raised(x: Array, n: int) -> Interval:
@@ -161,11 +161,11 @@ def power(a: Interval, n: int) -> Interval:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
         return a[0] * 0.0 + 1.0, a[1] * 0.0 + 1.0
-    if n % 2 == 0:  # check 6.28
+    if n % 2 == 0:
         least, most = size(a)
         return raised(least, n)[0], raised(most, n)[1]
     (down, up), (below, beyond) = raised(np.abs(a[0]), n), raised(np.abs(a[1]), n)
-    return np.where(a[0] < 0, -up, down), np.where(a[1] < 0, -below, beyond)  # check 6.10
+    return np.where(a[0] < 0, -up, down), np.where(a[1] < 0, -below, beyond)
 
 
 def pow_(a: Interval, b: Interval) -> Interval:
@@ -174,8 +174,8 @@ def pow_(a: Interval, b: Interval) -> Interval:
     It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)
     """
     low, high = above(0.0, *outward(*hull_at_corners(np.power, a, b), UNITS, TINY))
-    defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))  # check 6.11
-    return unless(~defined | np.isnan(b[0]), low, high)  # check 6.12
+    defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))
+    return unless(~defined | np.isnan(b[0]), low, high)
 
 
 # ---- elementary functions; what NumPy calls undefined at an end is NaN or not finite there, and so at both ends
@@ -204,7 +204,7 @@ def sqrt(a: Interval) -> Interval:
 
 def arccos(a: Interval) -> Interval:
     """[arccos(high), arccos(low)], rounded outward but not below 0; NaN at an end outside [-1, 1]."""
-    return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))  # check 6.30
+    return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))
 
 
 def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
@@ -222,7 +222,7 @@ def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Inter
         first, last = function(a[0]), function(a[1])
         low, high = outward(np.minimum(first, last), np.maximum(first, last), UNITS, NEAR_ZERO)
         low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
-        return np.where(valleys, -1.0, low), np.where(hills, 1.0, high)  # check 6.13
+        return np.where(valleys, -1.0, low), np.where(hills, 1.0, high)
 
     return rule
 
@@ -232,7 +232,7 @@ def tan(a: Interval) -> Interval:
     begin, end = a[0] / np.pi + 0.5, a[1] / np.pi + 0.5  # whole at a pole
     doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
     pole = np.floor(begin - doubt) != np.floor(end + doubt)
-    return unless(pole, *outward(np.tan(a[0]), np.tan(a[1]), UNITS, TINY))  # check 6.14
+    return unless(pole, *outward(np.tan(a[0]), np.tan(a[1]), UNITS, TINY))
 
 
 def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
@@ -244,11 +244,11 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
     side : where the box meets the jump only its part y >= 0 (side 0), or y <= 0, where the angle is -pi at the jump
         (side 1); other boxes are whole. None: all of every box.
     """
-    jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)  # check 6.15
+    jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
     if side is not None:
         x = np.where(x[0] == 0, -0.0, x[0]), x[1] + 0.0  # a zero of either sign
         upper, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
-        y = (upper, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))  # check 6.17
+        y = (upper, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))
         jump = np.array(False)
     low, high = outward(*hull_at_corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
@@ -256,7 +256,7 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
 
 def hypot(a: Interval, b: Interval) -> Interval:
     """sqrt(a^2 + b^2), rounded outward but not below 0; exactly 0 where both are 0, as it does not underflow."""
-    (a0, a1), (b0, b1) = size(a), size(b)  # check 6.31
+    (a0, a1), (b0, b1) = size(a), size(b)
     low, high = np.hypot(a0, b0), np.hypot(a1, b1)
     return above(0.0, *outward(low, high, UNITS, np.where(high == 0.0, 0.0, TINY)))
 
@@ -274,31 +274,31 @@ def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
     laps = div(a, b)
     first, last = np.floor(laps[0]), np.floor(laps[1])
     if side is not None:
-        first, last = (np.where(last - first == 1, (first, last)[side], own) for own in (first, last))  # check 6.18
+        first, last = (np.where(last - first == 1, (first, last)[side], own) for own in (first, last))
     remainder, (least, most) = sub(a, mul((first, last), b)), (np.minimum(b[0], 0.0), np.maximum(b[1], 0.0))
-    low = np.where(first == last, np.maximum(remainder[0], least), least)  # check 6.16
+    low = np.where(first == last, np.maximum(remainder[0], least), least)
     high = np.where(first == last, np.minimum(remainder[1], most), most)
     return unless(~np.isfinite(first) | ~np.isfinite(last), low, high)
 
 
 def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
     """The interval of a truth value: [1, 1] where `certain`, [0, 0] where `never`, else [0, 1]; NaN where a or b is."""
-    return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))  # check 6.20
+    return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))
 
 
 def less(a: Interval, b: Interval) -> Interval:
     """a < b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
-    return truth(a[1] < b[0], a[0] >= b[1], a, b)  # check 6.32
+    return truth(a[1] < b[0], a[0] >= b[1], a, b)
 
 
 def lesseq(a: Interval, b: Interval) -> Interval:
     """a <= b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
-    return truth(a[1] <= b[0], a[0] > b[1], a, b)  # check 6.33
+    return truth(a[1] <= b[0], a[0] > b[1], a, b)
 
 
 def equal(a: Interval, b: Interval) -> Interval:
     """a == b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
-    return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)  # check 6.34
+    return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)
 
 
 def where(condition: Interval, a: Interval, b: Interval) -> Interval:
@@ -307,7 +307,7 @@ def where(condition: Interval, a: Interval, b: Interval) -> Interval:
     condition : the interval of a truth value. What is not chosen may be NaN.
     """
     yes, no = condition[0] == 1.0, condition[1] == 0.0
-    low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))  # check 6.21
+    low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))
     high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
     return unless(np.isnan(condition[0]), low, high)
 
@@ -342,13 +342,13 @@ def gridded(
     known, out = np.flatnonzero(np.isfinite(places).all(axis=0)), np.full((2, places.shape[1]), np.nan)
     low, high = places[0::2, known], places[1::2, known]
     begin = np.minimum(np.floor(low), np.array(table.shape)[:, None] - 2.0)
-    sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0)  # check 6.22
+    sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0)
     few = sizes.prod(axis=0) <= MOST_NODES
     blocks = np.ceil(np.log2(np.maximum(sizes / MOST_BLOCKS, 1.0)))
     for some, own in alike(np.where(few, sizes, -blocks).astype(np.int64)):
         given = table, some, low[:, own], high[:, own]
         out[:, known[own]] = at_points(*given, begin[:, own]) if few[own[0]] else at_blocks(*given, kept)
-    rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice  # check 6.36
+    rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice
     low, high = outward(out[0], out[1], rounding)
     return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
 
@@ -378,12 +378,12 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
     shapes = np.where(np.eye(len(sizes), dtype=np.bool_), sizes, 1).tolist()
     values = table[tuple(own.reshape(*shape, -1) for own, shape in zip(nodes, shapes, strict=True))]
     each = tuple(range(len(sizes)))
-    slack = (2.0 ** len(sizes) + 2 * len(sizes)) * UNIT * np.abs(values).max(axis=each)  # check 6.37
+    slack = (2.0 ** len(sizes) + 2 * len(sizes)) * UNIT * np.abs(values).max(axis=each)
     for axis, n in enumerate(sizes):
         own = np.moveaxis(values, axis, 0)
         begin, end = low[axis] - first[axis], high[axis] - first[axis] - (n - 2)
-        least = (1.0 - begin) * own[0] + begin * own[1]  # check 6.39
-        own[0], own[-1] = least, (1.0 - end) * own[-2] + end * own[-1]  # check 6.40
+        least = (1.0 - begin) * own[0] + begin * own[1]
+        own[0], own[-1] = least, (1.0 - end) * own[-2] + end * own[-1]
     return np.stack([values.min(axis=each) - slack, values.max(axis=each) + slack])
 
 
@@ -396,12 +396,11 @@ def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: In
         units of nodes, within the table. kept : the extremes of blocks of this table, by their sizes.
     """
     blocks = tuple(1 << -power for power in powers)
-    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23
+    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
     if blocks not in kept:
         least = most = table
         for axis, block in enumerate(blocks):
             begins = np.arange(0, table.shape[axis], block)
-            # check 6.38
             least, most = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(most, begins, axis)
         kept[blocks] = least, most
     least, most = kept[blocks]
@@ -413,7 +412,6 @@ def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: In
     return out
 
 
-# check 6.35
 RULES: dict[str, tuple[int, Callable[..., Interval]]] = {  # name: number of operands, rule
     "add": (2, add),
     "sub": (2, sub),

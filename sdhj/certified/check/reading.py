@@ -11,10 +11,9 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -174,84 +173,3 @@ def fraction(text: Any) -> Fraction:
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
     expect(bool(fits), "cells must be stated as fractions", text)
     return Fraction(text)
-
-
-class Sensing:
-    """How the robot senses: `error` (ndim,) of a measurement, `delay` and `jitter`, s, and `memory`, bool.
-
-    It is True as a truth value where anything is uncertain.
-    """
-
-    def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
-        """Read the head's entry for sensing; ValueError where a number is negative or too large.
-
-        head : the entry; what it lacks is 0 or False, and one number for `error` counts for all axes.
-        ndim : the number of axes. delta : the length of an interval, s, which delay and twice the jitter may not
-            exceed.
-        """
-        error = head.get("error", 0.0)
-        self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
-        self.delay = real("delay", head.get("delay", 0.0), 0.0, delta)
-        self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)
-        self.memory = head.get("memory", False)
-        expect(self.memory in (True, False), "memory must be true or false", self.memory)
-
-    def __bool__(self) -> bool:
-        """Whether an error, a delay or a jitter is above 0."""
-        return bool(self.error.any()) or self.delay > 0 or self.jitter > 0
-
-
-class Sets:
-    """The cells of each axis, and the certified sets, as a file states them; base of `Arm`.
-
-    A row is a cell of the first axes; each set has a block for each row, whose bits are the cells of the other axes.
-
-    axes : for each axis its lower end, the width of a cell, and the least and the greatest length, as fractions.
-    layers : for each axis the numbers of layers at its lower and its upper end.
-    counts (ndim,) : the numbers of cells, layers included.
-    index (entries, rows) : for each set and row the number of a block. pool (blocks, words) uint64 : the blocks.
-    """
-
-    def __init__(self, head: Mapping[str, Any], arrays: Arrays, ndim: int, rows: int, entries: int | None) -> None:
-        """Read the cells of `ndim` axes and the sets on them; ValueError where an entry or an array does not fit.
-
-        head : the head's entry for cells; without "layers" there are none. arrays : the open file.
-        rows : how many leading axes number the rows. entries : how many sets there are; None: any number.
-        """
-        shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
-        expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
-        self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
-        expect(len(self.axes) == len(shape) == ndim, f"the problem has {ndim} axes", shape)
-        self.layers = [*map(list, head.get("layers", [(0, 0)] * ndim))]
-        whole = all(len(pair) == 2 and all(is_whole(n, 0, 1) for n in pair) for pair in self.layers)
-        expect(whole and len(self.layers) == ndim, "layers must be 0 or 1 at both ends of each axis", self.layers)
-        self.counts, packed = np.array(shape), math.prod(shape[rows:])
-        self.index = array(arrays, "index", np.uint32, entries, math.prod(shape[:rows]))
-        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-packed // 64))
-        beyond = self.pool[:, -1] >> np.uint64(packed % 64) if packed % 64 else np.zeros(1)
-        expect(not beyond.any(), "the sets must have no cells that there are not", packed)
-
-    @cached_property
-    def edges(self) -> list[Array]:
-        """The ends of the cells of each axis, (n + 1,), as the nearest floats; both ends of a layer are the same."""
-        out = []
-        for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
-            begin, end = float(low), float(low + (least + most) / 2)
-            inner = [float(low + i * width) for i in range(n - a - b)]
-            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))
-        return out
-
-    def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
-        """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well.
-
-        ends : for each axis where it begins (None: anywhere), its least and its greatest length, and how far apart the
-            file's bounds on the length may be; fractions.
-        """
-        wrong: list[str] = []
-        own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
-        for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
-            n = cells - some
-            fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)  # check 1.1
-            if not (fits and (n - 1) * width < least and n * width >= most):  # check 1.2
-                wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")
-        return wrong

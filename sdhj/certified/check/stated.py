@@ -163,7 +163,9 @@ class Problem:
         expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
         self.read_inputs(head["inputs"])
         self.read_sensing(entry("sensing", head["sensing"], "", "error delay jitter rest memory"))
-        formulas = entry("formulas", head["formulas"], "format functions opaque")
+        formulas = entry(
+            "formulas", head["formulas"], "format functions opaque", "pieces"
+        )  # those of methods on a grid
         expect(is_whole(formulas["format"], 1, 1), "formulas must be of format 1", formulas["format"])
         self.texts, self.opaque = dict(formulas["functions"]), dict(formulas["opaque"])
         both = [name for name in self.opaque if name in self.texts]
@@ -181,7 +183,8 @@ class Problem:
         fits = 1 <= n <= MOST_AXES and isinstance(grid["lower"], list)
         expect(fits, f"a grid must have 1 to {MOST_AXES} axes", grid["lower"])
         bounds = [*zip(reals("lower", grid["lower"], n), reals("upper", grid["upper"], n), strict=True)]
-        expect(all(a < b for a, b in bounds), "lower ends must be below upper ends", bounds)
+        # of smaller numbers rounding is no share any more
+        expect(all(b - a >= SMALLEST for a, b in bounds), f"upper ends must be {SMALLEST:g} above lower ends", bounds)
         shape = listed("shape", grid["shape"], n)
         expect(all(is_whole(one, 2, MOST_ON_AN_AXIS) for one in shape), "shape must be numbers of nodes", shape)
         self.ends = [listed("the ends of an axis", pair, 2) for pair in listed("ends", grid["ends"], n)]

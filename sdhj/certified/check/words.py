@@ -16,6 +16,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -257,11 +258,12 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
         yield "clear", own
     several = list(claims_of_inputs(words, ids, fewest, left, none))
     for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
-        sums = sets.sums(sets.bits(start + 1, ahead - 1)) if ahead and left else None
+        leads = ahead > 0 and left > 0
+        all_in = partial(sets.all_in, sets.sums(sets.bits(start + 1, ahead - 1)) if leads else None)
         for name, some, steps in several:
             for j in range(sets.problem.count):
                 cells = np.flatnonzero((steps == ahead) & some[ids, j])
-                good = np.zeros(cells.size, np.bool_) if sums is None else sets.leads(cells, start, j, sums)
+                good = sets.leads(cells, start, j, all_in) if leads else np.zeros(cells.size, np.bool_)
                 yield name, counted(cells.size, cells[~good], f"start {start}, input {j}, cell")
 
 

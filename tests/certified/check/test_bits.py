@@ -4,7 +4,7 @@ import naive_certified as naive
 import numpy as np
 import pytest
 
-from sdhj.certified.check import bits
+from sdhj.certified.check.arm import bits
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (3, 64), (4, 71), (2, 130)])

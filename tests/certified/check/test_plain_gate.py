@@ -207,6 +207,9 @@ NEW = {
     "an end without a name": Forgery(
         "line", "ends must be of safe, unsafe, wall", whole("grid ends", [[None, "unsafe"]])
     ),
+    "an axis on which rounding is no share": Forgery(
+        "line", "upper ends must be 1e-120 above", head(lambda told: told["grid"].update(lower=[0.0], upper=[1e-323]))
+    ),
     "a grid of one node": Forgery("line", "shape must be numbers of nodes", whole("grid shape", [1])),
     "an obstacle": Forgery("line", "sets must be a target", of_a_set(1, kind="obstacle")),
     "an Unsafe set": Forgery("line", "sets must be a target", of_a_set(2, kind="Unsafe")),
@@ -638,8 +641,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     ),
     "states near a tube": (
         "argument",
-        "self.whole(first, past, tubes) + OUT * 2 * self.near[:, None]",
-        "self.whole(first, past, tubes)",
+        "self.whole(first, last, tubes) + OUT * 2 * self.near[:, None]",
+        "self.whole(first, last, tubes)",
         "a set nearer than rounding",
     ),
     "a clock that is off": (
@@ -656,8 +659,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     ),
     "sets at the time of a step": (
         "argument",
-        "        at = self.time(step)\n        cuts",
-        "        at = 0.0\n        cuts",
+        "at, (first, last) = self.time(step), np",
+        "at, (first, last) = 0.0, np",
         "a post that comes later",
     ),
     "sets at all times of a step": (
@@ -775,8 +778,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "arrivals of a target that moves",
     ),
     # 3: steps
-    "sets that grow": ("argument", "bool((less & ~more).any())", "False", "a set that loses a cell"),
-    "sets that shrink": ("argument", "bool((less & ~more).any())", "False", "a set that wins a cell"),
+    "sets that grow": ("argument", "* bool(lacks)", "* 0", "a set that loses a cell"),
+    "sets that shrink": ("argument", "* bool(lacks)", "* 0", "a set that wins a cell"),
     "every cell of an image": ("argument", "return counted == size", "return counted > 0", "a cell more"),
     "inputs that are clear": (
         "argument",

@@ -9,8 +9,7 @@ import pytest
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
-from sdhj.certified.check import bits
-from sdhj.certified.check.arm import rows
+from sdhj.certified.check.arm import bits, rows
 from sdhj.certified.check.arm.claims import Scene
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")

@@ -14,16 +14,15 @@ import numba
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.certified.check.arm.bits import Array, erode
+from sdhj.certified.check.arm.described import Sensing, Sets
 from sdhj.certified.check.arm.recipe import expect_recipe
 from sdhj.certified.check.arm.rows import Stored, check_rows
 from sdhj.certified.check.arm.separation import DIRECTIONS, World
-from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
 from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
-    Sensing,
-    Sets,
     array,
     decimal,
     expect,
@@ -110,7 +109,7 @@ class Scene:
     def spans(self) -> tuple[Fraction, Fraction]:
         """The least and the greatest time that an input is held, fractions, s: delta - 2 jitter, delta + 2 jitter."""
         late = 2 * decimal(self.sensing.jitter)
-        return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late  # check 3.4
+        return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late
 
     def inputs(self) -> list[tuple[Fraction, Fraction]]:
         """All inputs, velocities of the two joints, rad/s, as fractions; the first component slowest."""
@@ -121,7 +120,7 @@ class Scene:
     def world(self, edges: Sequence[Array]) -> World:
         """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound.
 
-        edges : for each of the four axes the ends of its cells, as of `reading.Sets.edges`.
+        edges : for each of the four axes the ends of its cells, as of `described.Sets.edges`.
         """
         given, inputs = self.given, np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
@@ -158,7 +157,7 @@ def refuse_large(world: World, steps: int) -> None:
     angles = (np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])) * LONGEST_LENGTH / LARGEST_ANGLE
     numbers = np.array([*world.arm, world.agent[1], *moves, *edges, *places.ravel(), *angles])
     least = min(world.delta, world.push, world.agent[0], world.arm[0] - 1e-3, world.arm[1] - 1e-3)
-    if not (numbers <= LONGEST_LENGTH).all() or not least >= 0.0:  # check 7.1
+    if not (numbers <= LONGEST_LENGTH).all() or not least >= 0.0:
         raise ValueError(
             f"the check's bound on rounding holds for links of at least 1 mm and lengths, places and moves in one "
             f"interval from 0 to {LONGEST_LENGTH:g} (metres, radians); this file has links of {world.arm[0]:g} and "
@@ -206,7 +205,7 @@ class Arm(Sets):
         """The faults of the cells, a text each; [] if they cover every axis, those of a joint a turn, 2 pi."""
         box = self.scene.box
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
-        return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)  # check 1.3
+        return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """Yield all claims, checked; those of single cells for `samples` random rows, or for all rows if it is None.
@@ -277,16 +276,15 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     # A state that a wall stops is in the outermost cell, which the image overlaps anyway: the state came from there or
     # passed it.
     n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
-    # check 3.3
     off = 0 if arm.scene.sensing.memory else 2 * arm.scene.off(axis)  # a point that is carried on moves as the state
     back, ahead = min(slow * span for span in arm.scene.spans()), max(fast * span for span in arm.scene.spans())
     out = []
     for cell in range(n):
         found: set[int] = set()
         for period in extent:
-            low = cell * width + back - off  # check 3.1
-            high = (period if cell == n - 1 else (cell + 1) * width) + ahead + off  # check 3.2
-            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):  # check 3.5
+            low = cell * width + back - off
+            high = (period if cell == n - 1 else (cell + 1) * width) + ahead + off
+            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):
                 start, stop = low - lap * period, high - lap * period
                 if stop > 0 and start < period:
                     first, last = max(start // width, 0), min(-(-stop // width) - 1, n - 1)
@@ -332,7 +330,7 @@ def cells_added(arm: Any) -> tuple[Array, Claim]:
         less = index[i - 1] if within else np.zeros_like(here)
         rows = np.flatnonzero(here != less) if within else np.arange(here.size)
         new, old = pool[here[rows]], pool[less[rows]]
-        if within and (old & ~new).any():  # check 2.1
+        if within and (old & ~new).any():
             wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
         new &= ~old if within else ~np.uint64(0)
         deep = inner[here[rows]]

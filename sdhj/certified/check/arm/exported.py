@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.certified.check.arm.bits import Array
 from sdhj.certified.check.arm.claims import Arm, erode_all, in_threads, overlapped
 from sdhj.certified.check.arm.rows import Stored, words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
-from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import Claim
 from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps, steps_to_go
 

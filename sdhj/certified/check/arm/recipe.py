@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.certified.check.bits import Array
+from sdhj.certified.check.arm.bits import Array
 from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import expect
 from sdhj.certified.check.stated import Problem

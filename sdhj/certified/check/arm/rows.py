@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdhj.certified.check.arm.bits import NONE, ONE, Array, any_bit, compiled, drop, has
 from sdhj.certified.check.arm.separation import BOUNDS, STACK, Bench, clear, sweep, tip_inside
-from sdhj.certified.check.bits import NONE, ONE, Array, any_bit, compiled, drop, has
 
 
 class Stored(NamedTuple):
@@ -55,7 +55,7 @@ def bench_of(i1, i2, world):
     """A new `Bench` for the row of joint cells i1, i2; their bounds and those of pushes are in its `part`."""
     nx, part = world.x.size - 1, np.zeros(BOUNDS)
     part[0:2], part[2:4] = world.q1[i1 : i1 + 2], world.q2[i2 : i2 + 2]
-    part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push  # check 4.13
+    part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push
     return Bench(part, np.empty(nx), np.empty(nx), np.empty((STACK, BOUNDS)))
 
 
@@ -70,9 +70,9 @@ def check_flags(i1, i2, world, stored):
     for start in range(len(stored.allowed)):
         for j in range(len(world.inputs)):
             if stored.allowed[start, j, i1, i2]:
-                t = start * world.delta + world.begin  # check 4.26
+                t = start * world.delta + world.begin
                 if not clear((0, len(world.disks)), bench.part, world.inputs[j], t, world, bench.stack):
-                    failed, example = failed + 1, start * len(world.inputs) + j  # check 4.25
+                    failed, example = failed + 1, start * len(world.inputs) + j
     return failed, example
 
 
@@ -91,21 +91,21 @@ def check_goals(world, stored, bench, todo):
         return
     if world.chased:
         near = need.copy()
-        sweep(0, 0.0, world, bench, near)  # check 5.9
+        sweep(0, 0.0, world, bench, near)
         need &= ~near
-        drop_unproved(still, 0.0, world, bench, need)  # check 5.10
+        drop_unproved(still, 0.0, world, bench, need)
         need |= near
     else:
         for bit in range(64 * need.size):
             if has(need, bit):
                 agent_cell(bit, 0.0, world, bench.part)
-                if not tip_inside(bench.part, 0.0, world, bench.stack):  # check 5.13
+                if not tip_inside(bench.part, 0.0, world, bench.stack):
                     drop(need, bit, bit + 1)
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0 and any_bit(todo[place]):
             t = stored.pairs[place, 0] * world.delta + world.begin
-            if clear((0, len(world.disks)), bench.part, still, t, world, bench.stack):  # check 5.11
-                if not world.chased or tip_inside(bench.part, t, world, bench.stack):  # check 5.12
+            if clear((0, len(world.disks)), bench.part, still, t, world, bench.stack):
+                if not world.chased or tip_inside(bench.part, t, world, bench.stack):
                     todo[place] &= ~need
 
 
@@ -118,8 +118,8 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
         may do.
     n2 : how many cells the second joint has.
     """
-    for a in range(ends1.size):  # check 5.2
-        for b in range(ends2.size):  # check 5.3
+    for a in range(ends1.size):
+        for b in range(ends2.size):
             if (a > 0 and ends1[a] == ends1[a - 1]) or (b > 0 and ends2[b] == ends2[b - 1]):
                 continue
             bits &= eroded[blocks[ends1[a] * n2 + ends2[b]]]
@@ -145,19 +145,19 @@ def check_steps(i1, i2, world, stored, bench, todo):
             need[:] = NONE
             for place in range(len(todo)):
                 start, within = stored.pairs[place, 0], stored.pairs[place, 1]
-                if within > 0 and stored.allowed[start, j, i1, i2] and any_bit(todo[place]):  # check 5.6
+                if within > 0 and stored.allowed[start, j, i1, i2] and any_bit(todo[place]):
                     able[place] = todo[place]
-                    after = stored.places[place + steps - start]  # S_{k+1}^{n-1}  # check 5.4
+                    after = stored.places[place + steps - start]  # S_{k+1}^{n-1}
                     reaching(stored.ends1[j, i1], stored.ends2[j, i2], after, n2, stored.eroded, able[place])
                     need |= able[place]
             if not any_bit(need):
                 continue
             if world.chased and careful:
-                drop_unproved(world.inputs[j], world.held, world, bench, need)  # check 5.8
+                drop_unproved(world.inputs[j], world.held, world, bench, need)
             elif world.chased:
-                sweep(j, world.held, world, bench, need)  # check 5.7
+                sweep(j, world.held, world, bench, need)
             for place in range(len(todo)):
-                todo[place] &= ~(able[place] & need)  # check 5.5
+                todo[place] &= ~(able[place] & need)
 
 
 @compiled()

@@ -24,10 +24,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.bits import UNCOUNTED, Array, any_bit, compiled, drop
+from sdhj.certified.check.arm.bits import UNCOUNTED, Array, any_bit, compiled, drop
 
-ROUNDING = 1e-11  # m: see above  # check 6.1
-STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis  # check 4.11
+ROUNDING = 1e-11  # m: see above
+STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis
 DIRECTIONS = 24  # tried for a whole row, beside the links' normals
 TURNS = 16
 GRANTED = 2000  # boxes for one question; then it is not proved
@@ -76,12 +76,12 @@ def moved(part, velocity, world, box):
     """
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
-        slow, fast = velocity[joint] + part[10 + 2 * joint], velocity[joint] + part[11 + 2 * joint]  # check 4.12
-        off = world.off[joint] + STATE_ERROR  # check 4.2
-        box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - off  # check 4.14
-        box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + off  # check 4.15
+        slow, fast = velocity[joint] + part[10 + 2 * joint], velocity[joint] + part[11 + 2 * joint]
+        off = world.off[joint] + STATE_ERROR
+        box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - off
+        box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + off
     for axis in (2, 3):
-        off = world.agent[0] * tau1 + world.off[axis] + STATE_ERROR  # check 4.3
+        off = world.agent[0] * tau1 + world.off[axis] + STATE_ERROR
         box[2 * axis] = part[2 * axis] - off
         box[2 * axis + 1] = part[2 * axis + 1] + off
     box[8], box[9] = tau0, tau1
@@ -109,13 +109,13 @@ def farthest(nx, ny, link, pose, turn):
     """
     ex, ey, fx, fy, d1, d2 = pose
     a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
-    bend = max(-a, 0.0) * d1 * d1 / 2  # check 4.7
-    elbow = a + abs(side_a) * d1 + bend  # check 4.5
+    bend = max(-a, 0.0) * d1 * d1 / 2
+    elbow = a + abs(side_a) * d1 + bend
     if link == 0:
-        return max(elbow, 0.0)  # check 4.9
+        return max(elbow, 0.0)
     b, side_b = nx * fx + ny * fy, ny * fx - nx * fy
-    tip = a + b + abs(side_a + turn * side_b) * d1 + abs(side_b) * d2  # check 4.6
-    return max(elbow, tip + bend + max(-b, 0.0) * (turn * d1 + d2) ** 2 / 2)  # check 4.8
+    tip = a + b + abs(side_a + turn * side_b) * d1 + abs(side_b) * d2
+    return max(elbow, tip + bend + max(-b, 0.0) * (turn * d1 + d2) ** 2 / 2)
 
 
 @compiled(**UNCOUNTED)
@@ -142,9 +142,9 @@ def body_of(box, body, start, world):
     if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
         return x, y, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2, 0.0, 0.0, 0.0, world.agent[1]
-    disk, half = world.disks[body], (box[9] - box[8]) / 2 + world.late  # check 4.1
+    disk, half = world.disks[body], (box[9] - box[8]) / 2 + world.late
     x, y, vx, vy = disk_at(disk, start + (box[8] + box[9]) / 2)
-    return x, y, 0.0, 0.0, half * vx, half * vy, abs(disk[4]) * (disk[5] * half) ** 2 / 2, disk[7]  # check 4.10
+    return x, y, 0.0, 0.0, half * vx, half * vy, abs(disk[4]) * (disk[5] * half) ** 2 / 2, disk[7]
 
 
 # ---- questions: does the arm stay clear of a body, is its tip inside the target?
@@ -157,7 +157,7 @@ def ahead(nx, ny, link, pose, body, turn):
     body : as `body_of` returns it. pose, turn : as for `farthest`.
     """
     x, y, hx, hy, move_x, move_y, bend, _ = body
-    behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend  # check 4.18
+    behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend
     return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
 
 
@@ -177,7 +177,7 @@ def separated(link, pose, body, turn):
     nx, ny = (gx / gap, gy / gap) if gap > 1e-6 else (1.0, 0.0)
     best, step = ahead(nx, ny, link, pose, body, turn), 0.2
     for _ in range(TURNS):
-        if best > body[7] + ROUNDING:  # check 6.2
+        if best > body[7] + ROUNDING:
             break
         length = math.sqrt(1.0 + step * step)
         tx, ty = (nx - step * ny) / length, (ny + step * nx) / length
@@ -186,7 +186,7 @@ def separated(link, pose, body, turn):
             nx, ny, best = tx, ty, further
         else:  # try the other way, less far
             step *= -0.6
-    return best > body[7] + ROUNDING, gap  # check 6.3
+    return best > body[7] + ROUNDING, gap
 
 
 @compiled(**UNCOUNTED)
@@ -211,7 +211,7 @@ def halve(part, weights, first, second):
             axis, widest = k, size
     for k in range(part.size):
         first[k] = second[k] = part[k]
-    first[2 * axis + 1] = second[2 * axis] = (part[2 * axis] + part[2 * axis + 1]) / 2  # check 4.16
+    first[2 * axis + 1] = second[2 * axis] = (part[2 * axis] + part[2 * axis + 1]) / 2
 
 
 @compiled(**UNCOUNTED)
@@ -260,7 +260,7 @@ def clear(bodies, part, velocity, start, world, stack):
     world : the `World`. stack (STACK, BOUNDS) : overwritten.
     """
     for body in range(bodies[0], bodies[1]):
-        for link in range(2):  # check 4.17
+        for link in range(2):
             if not link_clear(link, body, part, velocity, start, world, stack):
                 return False
     return True
@@ -290,13 +290,13 @@ def tip_inside(part, t, world, stack):
         if not world.chased:
             x, y, hx, hy = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2
         furthest = 0.0
-        for turned in (-d1, d1):  # check 4.24
+        for turned in (-d1, d1):
             for bent in (-d2, d2):
                 off_x = ex + fx - x - (ey + turn * fy) * turned - fy * bent
                 off_y = ey + fy - y + (ex + turn * fx) * turned + fx * bent
-                furthest = max(furthest, math.hypot(abs(off_x) + hx, abs(off_y) + hy))  # check 5.1
+                furthest = max(furthest, math.hypot(abs(off_x) + hx, abs(off_y) + hy))
         rest = (l1 * d1 * d1 + l2 * (turn * d1 + d2) ** 2) / 2
-        if furthest + rest + ROUNDING <= world.target[7]:  # check 4.23
+        if furthest + rest + ROUNDING <= world.target[7]:
             continue
         outside = math.hypot(abs(ex + fx - x) + hx, abs(ey + fy - y) + hy) > world.target[7]
         if outside or size + 2 >= STACK:
@@ -328,8 +328,8 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
     """
     # However small ny is, dividing by it is harmless: along n an error of the level counts only ny times.
     up = 1.0 if ny > 0.0 else -1.0
-    base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny  # check 4.21
-    shift = 0 if nx > 0.0 else 1  # the edge of the column that is behind  # check 4.20
+    base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny
+    shift = 0 if nx > 0.0 else 1  # the edge of the column that is behind
     if up > 0.0:
         for x in range(low.size):
             level = base - slope * edges_x[x + shift]
@@ -350,10 +350,9 @@ def sweep(j, duration, world, bench, bits):
     """
     box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
     low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
-    for k in range(parts):  # check 4.19
+    for k in range(parts):
         part[8], part[9] = duration * k / parts, duration * (k + 1) / parts
         moved(part, world.inputs[j], world, box)
-        # check 4.4
         pose, grow = pose_of(box, world.arm), world.agent[0] * box[9] + max(world.off[2], world.off[3]) + STATE_ERROR
         for link in range(2):
             for x in range(low.size):
@@ -371,7 +370,7 @@ def sweep(j, duration, world, bench, bits):
             for x in range(low.size):  # of this column the cells that are neither above high[x] nor below low[x]
                 while first < cells and y[first + 1] < low[x]:
                     first += 1
-                while first > 0 and y[first] >= low[x]:  # check 4.22
+                while first > 0 and y[first] >= low[x]:
                     first -= 1
                 while stop < cells and y[stop] <= high[x]:
                     stop += 1

@@ -134,13 +134,13 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
         """Flags (cells,) bool as bits of 64-bit words, the first in the lowest bit."""
         return np.packbits(np.pad(flags, (0, 64 * words - flags.size)), bitorder="little").view(np.uint64)
 
-    for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):  # check 3.7
+    for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):
         known, every = np.pad(pool, ((0, 0), (words, words + 1))), np.tile(in_bits(cells[0] >= 0), (len(pool), 1))
         offsets = along - np.arange(len(along))[:, None]
         for offset in np.unique(offsets):  # of all blocks the bits that are so far from others, word by word
             needs = in_bits((offsets == offset).any(axis=1)[cells[axis]])
             word, bit = divmod(int(offset) * stride, 64)
             near, following = (known[:, words + at : 2 * words + at] for at in (word, word + 1))
-            every &= (near >> bit) | (following << 1 << (63 - bit)) | ~needs  # check 3.6
+            every &= (near >> bit) | (following << 1 << (63 - bit)) | ~needs
         pool = every
     out[:] = pool

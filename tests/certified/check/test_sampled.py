@@ -1,0 +1,151 @@
+"""The look at its own claims with which a solve ends: at all of few, at a sample of many; what is false is no table."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from forged_robots import ROBOTS
+
+import sdhj
+from sdhj.certified.check import sampled
+from sdhj.certified.check.argument import Argument
+from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER
+from sdhj.certified.check.reading import head_and_arrays
+from sdhj.certified.general_proof import GeneralProof
+
+MANY = ("line", "crossed", "ring", "standing", "stream", "tide", "noisy", "pursued", "endless")
+
+
+def solved(name):
+    problem, cells, parts = ROBOTS[name]
+    return sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=parts), progress=False, play=False)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """So few claims are looked at that it is a sample of any robot's."""
+    monkeypatch.setattr(sampled, "MOST_WHOLE", 0)
+    monkeypatch.setattr(sampled, "SAMPLED", 600)
+
+
+def test_few_claims_are_all_looked_at():
+    table = solved("line")
+    verdict = table.verify(progress=False)
+    assert verdict.ok and table.details["checked"] == [sum(claim.made for claim in verdict.claims)] * 2
+    assert f"{table.details['checked'][0]:,} claims checked" in repr(table)
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_of_many_a_sample_is_looked_at_and_counted(name, few):
+    table = solved(name)
+    looked, made = table.details["checked"]
+    assert 0 < looked <= made == sum(claim.made for claim in table.verify(progress=False).claims)
+
+
+@pytest.mark.parametrize("name", ["crossed", "standing", "tide", "stream"])
+def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch, tmp_path):
+    solved(name).save(tmp_path / "table.npz")
+    with head_and_arrays(tmp_path / "table.npz") as (told, arrays):
+        sets = Argument(told, arrays)
+    asked, drawn = [], {}
+    whole_look, whole_draw = sampled.of_an_input, sampled.some_cells
+
+    def look(sets, step, j, numbers):
+        asked.append((step, j))
+        return whole_look(sets, step, j, numbers)
+
+    def draw(sets, step, within, *given):
+        drawn[step, within] = whole_draw(sets, step, within, *given)
+        return drawn[step, within]
+
+    monkeypatch.setattr(sampled, "of_an_input", look)
+    monkeypatch.setattr(sampled, "some_cells", draw)
+    arrays = {one: arrays.array(one) for one in arrays.stated}
+    assert not sampled.looked_over(told, arrays, None)[2]
+    promised = {step for step, within in sets.pairs if within and sets.promised([step]).any()}
+    assert {j for _, j in asked} == {*range(sets.problem.count)} and {step for step, _ in asked} == promised
+    assert drawn.keys() == {*sets.pairs}
+    for pair, cells in drawn.items():
+        new = sets.bits(*pair)
+        if pair[1] and sets.problem.target is not None:
+            new = new & ~sets.bits(pair[0], pair[1] - 1)
+        assert new[cells].all() and len({*cells.tolist()}) == cells.size and (cells.size > 0) == new.any()
+        every, own = (np.array(np.unravel_index(one, sets.counts)) for one in (np.flatnonzero(new), cells))
+        for k, end in itertools.product(range(len(sets.counts)), (0, 1)):
+            there = end * (sets.counts[k] - 1)
+            assert (own[k] == there).any() == (every[k] == there).any(), (pair, k, end)
+
+
+def changed(name, **changes):
+    """What a look says of the table of a robot in which arrays are other than they were, and its `Argument`."""
+    table = solved(name)
+    arrays = {one: values.copy() for one, values in table._arrays.items()}
+    for one, change in changes.items():
+        change(arrays[one])
+    return sampled.looked_over(table._head, arrays, None)
+
+
+FALSE = {
+    "moves": ("cart", f"{MOVES}: input 1, step", {"low": lambda low: low[:, 1].__iadd__(1)}),
+    "clear": ("cart", f"{CLEAR}: input 0, step", {"clear": lambda clear: clear.fill(255)}),
+    "arrivals": ("line", f"{ARRIVE}: input 0, step", {"arrives": lambda marks: marks.fill(255)}),
+    "goals": (
+        "line",
+        f"{GOALS}: step 0, cell",
+        {"pool": lambda pool: pool.__setitem__(slice(1, None), 2**64 - 1 >> 48)},
+    ),
+    "steps": ("cart", f"{NEARER}: step 0, cell", {"clear": lambda clear: clear.fill(0)}),
+}
+
+
+@pytest.mark.parametrize("name", FALSE)
+def test_what_is_false_is_named(name, few):
+    robot, said, changes = FALSE[name]
+    assert any(said in one for one in changed(robot, **changes)[2])
+
+
+def test_a_solve_returns_no_table_of_which_a_claim_is_false(monkeypatch):
+    """The prover says of every input that it is clear from everywhere."""
+    prepare = GeneralProof.prepare
+
+    def rashly(proof, progress):
+        made = prepare(proof, progress)
+        proof.clear.setflags(write=True)
+        proof.clear[:] = 255
+        return made
+
+    monkeypatch.setattr(GeneralProof, "prepare", rashly)
+    with pytest.raises(RuntimeError, match=r"does not prove: clear.*input \d, cell .*No table is returned"):
+        solved("cart")
+
+
+@pytest.mark.parametrize("periodic", [(False, True), (True, False), (True, True)])
+def test_cells_are_looked_up_as_sums_count_them(periodic, rng):
+    """Boxes of any size and place, around axes that close, up to all of them."""
+    table = solved("standing")
+    sets = Argument(table._head, sampled.InMemory(table._arrays))
+    sets.problem.periodic = np.array(periodic)
+    cells = rng.random(sets.counts) < 0.995
+    words = np.packbits(np.pad(cells, ((0, 0), (0, -cells.shape[1] % 64))), axis=1, bitorder="little").view(np.uint64)
+    sets.pool, sets.low, sets.high = words, np.zeros((1, 1, 1, 2), np.int16), np.full((1, 1, 1, 2), 60, np.int16)
+    first = rng.integers(-12, 50, (2, 3000))
+    past = first + rng.integers(1, [[50], [12]], (2, 3000))
+    found = sampled.all_in(sets, np.arange(len(words)), first, past)
+    np.testing.assert_array_equal(found, sets.all_in(sets.sums(cells.ravel()), first, past))
+    assert 0.05 < found.mean() < 0.95
+
+
+def test_what_was_looked_at_is_in_the_file_and_its_summary(tmp_path):
+    table = solved("line")
+    table.save(tmp_path / "table.npz")
+    assert sdhj.load(tmp_path / "table.npz").details["checked"] == table.details["checked"]
+    few = replace(table, details=dict(table.details) | {"checked": [5, 1000]})
+    assert "5 of 1,000 claims checked" in repr(few)
+    sdhj.export_c(few, tmp_path / "robot")
+    header = (tmp_path / "robot" / "sdhj_robot.h").read_text()
+    assert "5 of 1,000 claims of the table were checked at its solve; `sdhj verify` checks all" in header
+    for wrong in (["all"], [2, 1], [-1, 1], 3, [True, 1]):
+        replace(table, details=dict(table.details) | {"checked": wrong}).save(tmp_path / "wrong.npz")
+        with pytest.raises(sdhj.TableFileError):
+            sdhj.load(tmp_path / "wrong.npz")
