@@ -123,7 +123,7 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
     """
     row, counts, grows = sets.row(step, within), sets.counts, within > 0 and sets.problem.target is not None
     less = sets.row(step, within - 1) if grows else None
-    filled: Array = sets.pool.any(axis=1)
+    filled: Array = np.any(sets.pool, axis=1)
     rows = np.flatnonzero(filled[row] if less is None else row != less)
     at = np.array(np.unravel_index(rows, counts[:-1])) if len(counts) > 1 else np.zeros((0, rows.size), np.int64)
     picked = [rng.permutation(rows)[:ROWS]]
