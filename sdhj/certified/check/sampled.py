@@ -192,10 +192,9 @@ def of_inputs(sets: Argument, drawn: Mapping[int, Array], rng: np.random.Generat
 
     Every input at some step, and every step under some input. drawn : by step cells of which something is promised.
     """
-    count = sets.problem.count
-    tasks = {(j, int(rng.choice([*drawn]))) for j in range(count if drawn else 0)}
-    tasks |= {(int(rng.integers(count)), step) for step in drawn}
-    for j, step in sorted(tasks):
+    inputs, steps = rng.permutation(sets.problem.count).tolist(), rng.permutation([*drawn]).tolist()
+    tasks = range(max(len(inputs), len(steps)) if steps else 0)
+    for j, step in ((inputs[task % len(inputs)], steps[task % len(steps)]) for task in tasks):
         cells = rng.permutation(drawn[step])[: max(SAMPLED // (3 * len(tasks)), 1)]
         yield of_an_input(sets, step, j, np.unique(cells))
 
@@ -214,7 +213,9 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
             left.append((name, np.unique(own[at])))
     looked = sum(own.size for _, own in left)
     for pieces in FINENESS:
-        if not any(own.size for _, own in left):
+        open_places = [own if name == MOVES else at_place(sets, own, name) for name, own in left]
+        places = np.unique(np.concatenate(open_places))
+        if not places.size:
             break
         rows = np.empty(sets.low.shape[2], np.int64)
         rows[places] = np.arange(places.size)
@@ -233,6 +234,13 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
         f"{name}: input {j}, {named(step, one, shapes.get(name, sets.counts))}" for name, own in left for one in own
     ]
     return looked, texts
+
+
+def at_place(sets: Argument, numbers: Array, name: str) -> Array:
+    """The places of cells, or of sites where the claim is of arrivals, with flat numbers (M,): (M,)."""
+    if name == ARRIVE:
+        return sets.strides @ sets.cells_at(numbers, sets.sites)
+    return sets.strides @ np.array(np.unravel_index(numbers, sets.counts))
 
 
 def clear_of(sets: Argument, step: int, j: int, cells: Array, tubes: Tubes) -> Array:
