@@ -804,7 +804,7 @@ FORGERIES: dict[str, Forgery] = {
         ),
         beside=hidden,
     ),
-    "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=50.0)),
+    "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=1e6)),
     "nobody's black box": Forgery("hidden", "black boxes, whose functions are not in the file"),
     "the black box of another": Forgery("hidden", "must have the black box", beside=line),
     "a black box of which nothing is stated": Forgery(

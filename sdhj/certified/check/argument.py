@@ -64,8 +64,8 @@ ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at 
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 TRIES = 30  # to find such boxes
-FINENESS = 1, 8  # pieces of a part, at first and where that leaves something open
-DEEPEST = 6  # times that a box of states is halved along each axis
+FINENESS = 1, 8, 16  # pieces of a part: as few, as many and more than the solver takes, where it is open
+DEEPEST = 10, 8, 6  # times that a box is halved along each axis: of one axis, of two, of more
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 TILE = 8  # cells along an axis that are looked at together first
@@ -138,6 +138,11 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
         begins = range(0, of.size if more else 0, SLAB)
         left += [(some[:, :, at : at + SLAB], of[at : at + SLAB], more - 1) for at in begins]
     return out
+
+
+def deepest(part: Part) -> int:
+    """How often boxes are halved to tell whether they meet a set."""
+    return DEEPEST[min(len(part.axes), len(DEEPEST)) - 1]
 
 
 def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Array:
@@ -420,9 +425,10 @@ class Argument:
         )
         return found[:, 0]
 
-    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
+    def outside(self, part: Part, box: Array, times: Times, depth: int | None = None) -> Array:
         """Whether boxes (2, axes, M) are outside a set at all times: all functions that it is the least of are > 0."""
         out, every = np.ones(box.shape[2], np.bool_), np.ones(len(part.axes), np.bool_)
+        depth = deepest(part) if depth is None else depth
         for one in part.function.least_of:
 
             def above(some: Array, one: Any = one) -> tuple[Array, Array]:
@@ -440,7 +446,7 @@ class Argument:
             least, most = self.value(part, part.function, some, times)
             return most <= 0, least > 0
 
-        return everywhere(below, box, np.ones(len(part.axes), np.bool_), DEEPEST)
+        return everywhere(below, box, np.ones(len(part.axes), np.bool_), deepest(part))
 
     # ---- 2: moves
 
@@ -511,6 +517,8 @@ class Argument:
         # what is reached within the piece; a coordinate that cannot grow needs no room above, nor one below
         enclosure = box + np.where(known, far + some * (far != 0), 0.0)
         out = self.velocity(j, enclosure, times)
+        far = np.array([h * np.minimum(out[0], 0.0), h * np.maximum(out[1], 0.0)])  # no more, by what is known now
+        enclosure = box + np.where(known, far + some * (far != 0), 0.0)
         for axis, side in product(np.flatnonzero(self.known & self.problem.reads.diagonal()), (0, 1)):
             face = enclosure.copy()
             face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes
