@@ -19,7 +19,7 @@ from sdhj.certified.check.intervals import Array
 MOST_WHOLE = 200_000  # claims that are all looked at
 SAMPLED = 100_000  # claims that are looked at of more
 ROWS = 64  # of a set, from which cells are drawn
-AT_ONCE = 1 << 20  # cells that are looked up at once
+AT_ONCE = 1 << 17  # cells that are looked up at once
 
 
 class InMemory:
