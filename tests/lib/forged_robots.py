@@ -653,7 +653,7 @@ FORGERIES: dict[str, Forgery] = {
     "a wall that holds": Forgery(
         "bent", MOVES, nothing_in_sets, becomes=lambda: cart(ends="wall", bent=1e-3, delta=0.3)
     ),
-    "less growth": Forgery("growing", MOVES, edit("high", lambda moves: moves[0, 0, 0].fill(435))),
+    "less growth": Forgery("growing", MOVES, edit("high", lambda moves: moves[0, 0, 0].fill(470))),
     "growth from the lower end": Forgery("growing", MOVES, edit("low", lambda moves: moves[0, 0, 0].fill(100))),
     "the tide of another hour": Forgery("tide", MOVES, first_moves),
     "gusts that grow": Forgery("tide", MOVES, becomes=lambda: tide(more=0.3)),

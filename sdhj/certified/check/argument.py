@@ -514,11 +514,13 @@ class Argument:
             left = left[~stays]
             if not left.size:
                 break
-        # what is reached within the piece; a coordinate that cannot grow needs no room above, nor one below
-        enclosure = box + np.where(known, far + some * (far != 0), 0.0)
-        out = self.velocity(j, enclosure, times)
+
+        def reached(far: Array) -> Array:  # a coordinate that cannot grow needs no room above, nor one below
+            return np.asarray(box + np.where(known, far + some * (far != 0), 0.0))
+
+        out = self.velocity(j, reached(far), times)
         far = np.array([h * np.minimum(out[0], 0.0), h * np.maximum(out[1], 0.0)])  # no more, by what is known now
-        enclosure = box + np.where(known, far + some * (far != 0), 0.0)
+        enclosure = reached(far)
         for axis, side in product(np.flatnonzero(self.known & self.problem.reads.diagonal()), (0, 1)):
             face = enclosure.copy()
             face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes

@@ -4,14 +4,14 @@ No step of the argument stands here: each claim is asked of the function of `arg
 arrays is looked at whole: that cells cover the axes, that sets grow, and how far off predictions are.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.argument import FINENESS, SHOWN, Argument, Tubes, axes_of, farthest
+from sdhj.certified.check.argument import FINENESS, SHOWN, Argument, Clear, Tubes, axes_of, farthest
 from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, Claim
 from sdhj.certified.check.files import BEFORE
 from sdhj.certified.check.intervals import Array
@@ -99,7 +99,8 @@ def claims_made(sets: Argument) -> int:
     robot, steps = sets.problem, range(sets.problem.steps)
     out = robot.ndim + len(sets.pairs) + robot.count * robot.sensed
     inputs = np.packbits(np.ones(robot.count, np.bool_), bitorder="little")  # other bits of marks are of none
-    for array, axes in ((sets.low, sets.known), (sets.clear, sets.known | True), (sets.arrives, sets.sites > 0)):
+    answers = [(sets.low, sets.known), *((one.bits, one.own) for one in sets.clear), (sets.arrives, sets.sites > 0)]
+    for array, axes in answers:
         for step in range(len(array)):
             asked = sets.promised(steps if len(array) == 1 else [step])
             asked = asked.any(axis=axes_of(~axes)).ravel()
@@ -201,52 +202,52 @@ def of_inputs(sets: Argument, drawn: Mapping[int, Array], rng: np.random.Generat
 
 def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int, list[str]]:
     """How many claims there are of u_j in the interval from a step, of cells with flat numbers, and which fail."""
-    start = min(step, len(sets.low) - 1)
-    cells = np.array(np.unravel_index(numbers, sets.counts))
-    places = np.unique(sets.strides @ cells)
-    said = [(CLEAR, sets.clear, numbers), (ARRIVE, sets.arrives, sets.sites @ cells)]
-    shapes = {MOVES: np.where(sets.known, sets.counts, 1), ARRIVE: np.where(sets.sites, sets.counts, 1)}
-    left = [(MOVES, places)]
-    for name, marks, own in said:
-        if len(marks):
-            at = marks[min(step, len(marks) - 1), own, j // 8] >> np.uint8(j % 8) & 1 == 1
-            left.append((name, np.unique(own[at])))
-    looked = sum(own.size for _, own in left)
+    start, cells = min(step, len(sets.low) - 1), np.array(np.unravel_index(numbers, sets.counts))
+    left = [Asked(MOVES, sets.strides, np.unique(sets.strides @ cells), partial(moves_hold, sets, start, j))]
+    for one in sets.clear:
+        strides, said = sets.strides_of(one.own), one.of(step, j)
+        clear = np.unique(strides @ cells)
+        left.append(Asked(CLEAR, strides, clear[said[clear]], partial(clear_of, sets, one, step, j)))
+    if len(sets.arrives):
+        at, sites = min(step, len(sets.arrives) - 1), np.unique(sets.sites @ cells)
+        sites = sites[sets.arrives[at, sites, j // 8] >> np.uint8(j % 8) & 1 == 1]
+        left.append(Asked(ARRIVE, sets.sites, sites, lambda own, tubes: sets.arrivals_hold(own, at, tubes)))
+    looked = sum(one.numbers.size for one in left)
     for pieces in FINENESS:
-        open_places = [own if name == MOVES else at_place(sets, own, name) for name, own in left]
-        places = np.unique(np.concatenate(open_places))
+        places = np.unique(np.concatenate([sets.strides @ sets.cells_at(one.numbers, one.strides) for one in left]))
         if not places.size:
             break
         rows = np.empty(sets.low.shape[2], np.int64)
         rows[places] = np.arange(places.size)
         swept, last = sets.driven(places, j, start, pieces)
-        tubes, open_ = Tubes(rows, swept, farthest(swept), last), list[tuple[str, Array]]()
-        for name, own in left:
-            if name == MOVES:
-                good = sets.moves_hold(own, start, j, last[:, :, rows[own]])
-            elif name == ARRIVE:
-                good = sets.arrivals_hold(own, min(step, len(sets.arrives) - 1), tubes)
-            else:
-                good = clear_of(sets, step, j, np.array(np.unravel_index(own, sets.counts)), tubes)
-            open_.append((name, own[~good]))
-        left = open_
+        tubes = Tubes(rows, swept, farthest(swept), last)
+        left = [one._replace(numbers=one.numbers[~one.hold(one.numbers, tubes)]) for one in left if one.numbers.size]
     texts = [
-        f"{name}: input {j}, {named(step, one, shapes.get(name, sets.counts))}" for name, own in left for one in own
+        f"{one.name}: input {j}, {named(step, own, np.where(one.strides, sets.counts, 1))}"
+        for one in left
+        for own in one.numbers
     ]
     return looked, texts
 
 
-def at_place(sets: Argument, numbers: Array, name: str) -> Array:
-    """The places of cells, or of sites where the claim is of arrivals, with flat numbers (M,): (M,)."""
-    if name == ARRIVE:
-        return sets.strides @ sets.cells_at(numbers, sets.sites)
-    return sets.strides @ np.array(np.unravel_index(numbers, sets.counts))
+class Asked(NamedTuple):
+    """Claims of one kind of cells on some axes: by their numbers, and what tells with tubes of which they hold."""
+
+    name: str
+    strides: Array
+    numbers: Array
+    hold: Callable[[Array, Tubes], Array]
 
 
-def clear_of(sets: Argument, step: int, j: int, cells: Array, tubes: Tubes) -> Array:
-    """Whether u_j is proved clear from each of the cells (ndim, M) in the interval from a step: (M,) bool."""
-    out = np.ones(cells.shape[1], np.bool_)
-    for _, holds in sets.questions(step, j, tubes):
+def moves_hold(sets: Argument, start: int, j: int, places: Array, tubes: Tubes) -> Array:
+    """Whether all that cells at places (M,) are led to lies in the cells that the file says: (M,) bool."""
+    return sets.moves_hold(places, start, j, tubes.last[:, :, tubes.rows[places]])
+
+
+def clear_of(sets: Argument, one: Clear, step: int, j: int, numbers: Array, tubes: Tubes) -> Array:
+    """Whether u_j is proved clear, of what `one` is about, from each of its cells (M,), by their numbers: (M,) bool."""
+    cells, out = sets.cells_at(numbers, sets.strides_of(one.own)), np.ones(numbers.size, np.bool_)
+    for _, holds in sets.questions(one, step, j, tubes):
         left = np.flatnonzero(out)
         out[left] = holds(np.tile(cells[:, left], (2, 1)))
     return out
