@@ -323,12 +323,15 @@ class ReachAvoidProblem(Remembering):
         half_widths[1]. step : k >= 0, also beyond N. ValueError where `half_widths` raises it.
         """
         step = step if self.dynamics.depends_on_time else 0
-        return self.remembered(("interval", step), lambda: self._interval(step))
+        if step not in (known := self._intervals):
+            lasts = self.sensing.hold(self.delta)
+            known[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
+        return known[step]
 
-    def _interval(self, step: int) -> Interval:
-        """A new interval, which `interval` keeps."""
-        lasts = self.sensing.hold(self.delta)
-        return Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
+    @cached_property
+    def _intervals(self) -> dict[int, Interval]:
+        """{step: what `interval` has made}; under 0 for all steps if the dynamics do not depend on time."""
+        return {}
 
     def moves(self, unsafe_set: UnsafeSet) -> bool:
         """Whether the avoid tubes of an unsafe set differ from step to step: the set moves, or the dynamics depend on
