@@ -41,7 +41,7 @@ myst_html_meta = {
     "description": "Robust motion planning by sampled-data Hamilton-Jacobi reachability: library and course"
 }
 mathjax3_config = {"options": {"enableMenu": False}}
-suppress_warnings = ["myst.header", "mystnb.unknown_mime_type"]
+suppress_warnings = ["myst.header", "mystnb.unknown_mime_type", "ref.python"]  # a shape, (runs, ndim), names nothing
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
