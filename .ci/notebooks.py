@@ -100,7 +100,8 @@ def execute(path: Path) -> None:
     if has_widgets(notebook):
         frames_file(path).parent.mkdir(parents=True, exist_ok=True)
         given = f"Path({str(frames_file(path).parent)!r}), {path.stem!r}, {code_hash(notebook)!r}"
-        last = f"from pathlib import Path\n\nfrom course.widgets import write_frames\n\nwrite_frames({given})"
+        last = "import sys\nfrom pathlib import Path\n\nsys.path.append('site')\nfrom frames import write_frames\n\n"
+        last += f"write_frames({given})"
         notebook.cells.append(nbformat.v4.new_code_cell(last))
     options = {"timeout": 900, "store_widget_state": False, "record_timing": False, "kernel_name": "python3"}
     NotebookClient(notebook, resources={"metadata": {"path": str(path.parent)}}, **options).execute()

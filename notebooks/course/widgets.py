@@ -3,19 +3,17 @@
 `picture` shows a drawing once. An `Explorer` has controls, a picture that answers to them, and the numbers it shows;
 each `explore_*` of a chapter's module returns one. Put it on the last line of a cell. A reader without a kernel sees
 the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place. The site shows
-some frames of one control: `write_frames` writes them when the notebook is executed.
+some frames of one control, which `notebooks/site/frames.py` writes when the notebook is executed.
 """
 
 import gc
 import html
 import inspect
 import io
-import json
 import threading
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import ipywidgets
@@ -36,8 +34,6 @@ from sdhj.table.batches import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)
-FRAMES = 21  # of a control at most, on a page without a kernel
-TALLEST = 16_383  # pixels of a WebP picture, which holds them one below the other
 VIEW = "application/vnd.jupyter.widget-view+json"
 Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
@@ -55,7 +51,7 @@ def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes
         first = next(iter(inspect.signature(draw).parameters))
         numbers = draw(figure.subplots() if first == "ax" else figure, *data, **values)
         told = dict(numbers) if isinstance(numbers, Mapping) else {}
-        return _png(figure, _told(told)), told
+        return _png(figure, told_of(told)), told
 
 
 def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
@@ -71,9 +67,9 @@ def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str =
     with DRAWING, style():
         figure = new_figure(*size)
     png, numbers = render(draw, figure, *data, **values)
-    display(Image(data=png, format="png", alt=alt or _first_line(draw)))
+    display(Image(data=png, format="png", alt=alt or first_line(draw)))
     if numbers:
-        print(_told(numbers))
+        print(told_of(numbers))
 
 
 def show(figure: Figure, alt: str = "picture") -> None:
@@ -82,15 +78,15 @@ def show(figure: Figure, alt: str = "picture") -> None:
         display(Image(data=_png(figure, bbox_inches="tight"), format="png", alt=alt))
 
 
-def _first_line(draw: Draw) -> str:
+def first_line(draw: Draw) -> str:
     return (inspect.getdoc(draw) or "picture").splitlines()[0]
 
 
-def _told(numbers: Numbers) -> str:
-    return "; ".join(f"{name.replace('$', '')}: {_number(value)}" for name, value in numbers.items())
+def told_of(numbers: Numbers) -> str:
+    return "; ".join(f"{name.replace('$', '')}: {number_of(value)}" for name, value in numbers.items())
 
 
-def _number(value: float | str) -> str:
+def number_of(value: float | str) -> str:
     if isinstance(value, float) and np.isnan(value):
         return "none"
     return str(value) if isinstance(value, int | str) else f"{value:.3g}"
@@ -164,7 +160,7 @@ class Explorer:
         self.named, self.process = tuple(named), process
         self.numbers: dict[str, float | str] = {}
         self.error = ""
-        self._picture: Any = None
+        self.displayed: Any = None
         with DRAWING, style():
             self.figure = LiveFigure(size, DPI)
         self._status = ipywidgets.HTML()
@@ -220,8 +216,8 @@ class Explorer:
                 self.error = ""
             except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
                 self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            if self._picture is not None:
-                self._picture.update(self._image())
+            if self.displayed is not None:
+                self.displayed.update(self._image())
             self._tell()
 
     def _rest(self) -> None:
@@ -236,7 +232,7 @@ class Explorer:
     def shown_setting(self) -> str:
         """In what the setting of the picture differs from the one that was asked for, in words."""
         told = (
-            f"{self.controls[name].description or name}: {_number(value)}"
+            f"{self.controls[name].description or name}: {number_of(value)}"
             for name, value in self._drawn.items()
             if value != self._asked[name]
         )
@@ -248,35 +244,17 @@ class Explorer:
             reason = f"Not possible: {html.escape(self.error)}.<br>{still}"
             self._status.value = f"<div role='alert' style='line-height:1.4; color:#a8330f'>{reason}</div>"
         else:
-            told = f"<div role='status' style='line-height:1.4'>{html.escape(_told(self.numbers))}</div>"
+            told = f"<div role='status' style='line-height:1.4'>{html.escape(told_of(self.numbers))}</div>"
             note = f"<div role='note' style='line-height:1.4; color:#555555'>{html.escape(self.note)}</div>"
             self._status.value = told + (note if self.note else "")
 
     def _image(self) -> Image:
-        alt = self.alt or _first_line(self.draw)
-        alt = f"{alt}. {_told(self.numbers)}" if self.numbers else alt
+        alt = self.alt or first_line(self.draw)
+        alt = f"{alt}. {told_of(self.numbers)}" if self.numbers else alt
         if not self.error:
             return Image(data=self.png, format="png", alt=alt)
         said = f"still the picture of {self.shown_setting}"
         return Image(data=greyed(self.png, said), format="png", alt=f"{said}. {alt}")
-
-    def frames(self, name: str = "") -> Iterator[tuple[str, bytes, str]]:
-        """The value of a control, by default of the one that moves, the picture and what it says, from end to end.
-
-        What is refused is left out. The controls and what is displayed are as before.
-        """
-        name = name or self.motion
-        control, shown = self.controls[name], self._picture
-        first, most = control.value, min(FRAMES, TALLEST // PIL.Image.open(io.BytesIO(self.png)).height)
-        self._picture = None
-        try:
-            for value in places(control, self.named if name == self.motion else (), most):
-                self.set(**{name: value})
-                if not self.error:
-                    yield _number(value), self.png, _told(self.numbers)
-        finally:
-            self.set(**{name: first})
-            self._picture = shown
 
     def panel(self) -> Any:
         """The controls in columns, with the numbers below."""
@@ -288,14 +266,14 @@ class Explorer:
 
     def _ipython_display_(self) -> None:
         names = ", ".join(
-            f"{control.description or name} ({_number(control.value)})" for name, control in self.controls.items()
+            f"{control.description or name} ({number_of(control.value)})" for name, control in self.controls.items()
         )
-        text = f"Controls, live where the notebook runs: {names}\nShown: {_told(self.numbers)}"
+        text = f"Controls, live where the notebook runs: {names}\nShown: {told_of(self.numbers)}"
         panel = self.panel()
         display(
             {VIEW: {"version_major": 2, "version_minor": 0, "model_id": panel.model_id}, "text/plain": text}, raw=True
         )
-        self._picture = display(self._image(), display_id=True)
+        self.displayed = display(self._image(), display_id=True)
         SHOWN.append(self)
 
 
@@ -317,51 +295,6 @@ def greyed(png: bytes, said: str) -> bytes:
             words.add_text(name, text)
     grey.save(buffer, "png", pnginfo=words)
     return buffer.getvalue()
-
-
-def write_frames(folder: Path, stem: str, code: str) -> None:
-    """Write the frames of all widgets that were displayed: a picture of one below the other, and what they say.
-
-    `code` says which code they are of.
-    """
-    told: list[Any] = []
-    for old in folder.glob(f"{stem}-*.webp"):
-        old.unlink()
-    for number, explorer in enumerate(SHOWN, 1):
-        for name in dict.fromkeys(filter(None, (explorer.motion, explorer.process))):
-            values, pngs, said = zip(*explorer.frames(name), strict=True)
-            file = f"{stem}-{number}-{name}.webp"
-            size = write_strip(folder / file, pngs)
-            control = explorer.controls[name]
-            one = {"widget": number, "file": file, "size": size, "control": control.description or name}
-            one |= {"at": _number(explorer.values[name]), "loop": name == explorer.process}
-            one["named"] = [_number(value) for value in explorer.named] if name == explorer.motion else []
-            told.append(one | {"alt": explorer.alt or _first_line(explorer.draw), "values": values, "said": said})
-    text = json.dumps({"code": code, "widgets": told}, ensure_ascii=False, indent=1)
-    (folder / f"{stem}.json").write_text(text + "\n", encoding="utf-8")
-
-
-def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
-    """Write pictures one below the other; the size of one."""
-    pictures = [PIL.Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
-    width, height = pictures[0].size
-    strip = PIL.Image.new("RGB", (width, height * len(pictures)))
-    for place, image in enumerate(pictures):
-        strip.paste(image, (0, place * height))
-    few = strip.quantize(48, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
-    few.save(path, lossless=True, quality=80)
-    return width, height
-
-
-def places(control: Any, named: Sequence[float] = (), most: int = FRAMES) -> list[Any]:
-    """Most values of a slider, or all: both ends, the value that it has, what is named, and others evenly between."""
-    kind, step = type(control.value), getattr(control, "step", 1)
-    last = round((control.max - control.min) / step)
-    wanted = {round((value - control.min) / step) for value in (control.value, *named)}
-    even = min(most, last + 1)
-    while len(chosen := wanted | set(np.rint(np.linspace(0, last, even)).astype(int).tolist())) > most:
-        even -= 1
-    return [min(control.min + kind(place * step), control.max) for place in sorted(chosen)]
 
 
 def _on_its_step(control: Any) -> Any:

@@ -12,6 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
 
+import frames
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -553,10 +554,10 @@ def test_a_control_without_a_part_is_greyed(arm: LookupTable) -> None:
 def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
     before, values = explorer.png, explorer.values
-    frames = list(explorer.frames())
-    assert [value for value, _, _ in frames] == [f"{n / 10:g}" for n in range(9)]  # 0.9 and 1.0 are refused
-    assert len({png for _, png, _ in frames}) == len(frames)
-    assert all(said == f"share: {value}" for value, _, said in frames)
+    found = list(frames.frames_of(explorer))
+    assert [value for value, _, _ in found] == [f"{n / 10:g}" for n in range(9)]  # 0.9 and 1.0 are refused
+    assert len({png for _, png, _ in found}) == len(found)
+    assert all(said == f"share: {value}" for value, _, said in found)
     assert (explorer.png, explorer.values, explorer.error) == (before, values, "")
 
 
@@ -571,20 +572,20 @@ def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
     ],
 )
 def test_frames_hold_the_ends_the_first_setting_and_what_the_text_names(control: Any, named: Any) -> None:
-    found = widgets.places(control, named)
-    assert len(found) <= widgets.FRAMES and found == sorted(set(found))
+    found = frames.places(control, named)
+    assert len(found) <= frames.FRAMES and found == sorted(set(found))
     for value in (control.min, control.max, control.value, *named):
         assert min(abs(value - place) for place in found) < 1e-9
     every = round((control.max - control.min) / control.step) + 1
-    assert len(found) >= min(every, widgets.FRAMES - 2)  # as many as there is room for, or nearly
+    assert len(found) >= min(every, frames.FRAMES - 2)  # as many as there is room for, or nearly
     apart = np.diff(found)
-    assert apart.max() <= 2 * (control.max - control.min) / (min(every, widgets.FRAMES) - 1) + 1e-9
+    assert apart.max() <= 2 * (control.max - control.min) / (min(every, frames.FRAMES) - 1) + 1e-9
 
 
 def test_frames_of_a_tall_picture_are_as_many_as_a_file_holds() -> None:
     """WebP pictures have up to 16,383 pixels on a side."""
     explorer = widgets.Explorer(draw_share, {"share": widgets.slider("share", 0.0, 0.75, 0.01, 0.5)}, size=(1.0, 8.0))
-    assert 15 <= len(list(explorer.frames())) <= 16_383 // 920
+    assert 15 <= len(list(frames.frames_of(explorer))) <= 16_383 // 920
 
 
 def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -597,9 +598,9 @@ def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pyt
         named=(0.3,),
         process="moment",
     )
-    monkeypatch.setattr(widgets, "SHOWN", [explorer])
+    monkeypatch.setattr(frames, "SHOWN", [explorer])
     (tmp_path / "01_new-9-gone.webp").touch()  # of a widget that is no more
-    widgets.write_frames(tmp_path, "01_new", "a hash")
+    frames.write_frames(tmp_path, "01_new", "a hash")
     told = json.loads((tmp_path / "01_new.json").read_text("utf-8"))
     share, moment = told["widgets"]
     assert told["code"] == "a hash" and (share["control"], share["at"], share["alt"]) == ("share", "0.5", "a line")
@@ -745,7 +746,7 @@ def test_what_plays_begins_where_the_slider_is() -> None:
 def test_a_picture_holds_what_it_says() -> None:
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
     for _ in range(2):
-        assert Image.open(io.BytesIO(explorer.png)).info["Description"] == widgets._told(explorer.numbers)
+        assert Image.open(io.BytesIO(explorer.png)).info["Description"] == widgets.told_of(explorer.numbers)
         explorer.set(share=0.2)
 
 
