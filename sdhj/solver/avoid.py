@@ -21,28 +21,13 @@ MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's
 
 
 class Danger(NamedTuple):
-    """What an avoid game is played against: one unsafe set, or the unsafe ends of one axis.
+    """What an avoid game is played against: one unsafe set, or the unsafe ends of one axis."""
 
-    Attributes
-    ----------
-    axes : tuple of int
-        The axes of the problem's grid on which the avoid tubes depend, ascending.
-    moves : bool
-        Whether the avoid tubes differ from step to step.
-    samples : Samples
-        On whose grid the game is played: those of the problem that is solved or, for the ends of an axis, its samples
-        on `axes` alone, on a grid that goes past both ends.
-    unsafe_set : UnsafeSet
-        The set of these `samples` to be avoided; of the ends of an axis all that lies past them.
-    inside : tuple of slice
-        For each of `axes` which nodes of the game's grid are nodes of the grid of the problem that is solved.
-    """
-
-    axes: tuple[int, ...]
-    moves: bool
-    samples: Samples
-    unsafe_set: UnsafeSet
-    inside: tuple[slice, ...]
+    axes: tuple[int, ...]  # of the problem's grid on which the avoid tubes depend, ascending
+    moves: bool  # whether the avoid tubes differ from step to step
+    samples: Samples  # on whose grid the game is played; of ends that grid has `axes` alone, and goes past both
+    unsafe_set: UnsafeSet  # of these samples; of ends all that lies past them
+    inside: tuple[slice, ...]  # for each of `axes` which nodes of the game's grid are nodes of the problem's
 
     @property
     def game_axes(self) -> tuple[int, ...]:
@@ -53,8 +38,7 @@ class Danger(NamedTuple):
 def dangers(samples: Samples) -> list[Danger]:
     """The avoid games of a problem: of each unsafe set, then of the unsafe ends of each axis that has them.
 
-    ValueError where the state crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an interval towards an unsafe
-    end.
+    ValueError (`checked_travel`) where the state crosses too many cells in an interval towards an unsafe end.
     """
     found = []
     for unsafe_set in samples.unsafe:
@@ -65,12 +49,10 @@ def dangers(samples: Samples) -> list[Danger]:
 
 
 def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> FloatArray:
-    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), > 0 in danger.
+    """The avoid tubes of a danger over the interval from a step, > 0 in danger: (L, *subgrid), a view of `out`.
 
-    -inf for inputs under which the set is not unsafe.
-
-    games : those of `danger.samples`.
-    out : (L, *grid of the game), written over; the result is a view of it.
+    `games` are those of `danger.samples`, `out` (L, *grid of the game) is written over; -inf under inputs that do not
+    count.
     """
     if hasattr(games, "grouped_reach_sets"):
         games.avoid(danger.unsafe_set, step, out)
@@ -83,9 +65,7 @@ def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> Fl
 def _ends_as_danger(samples: Samples, axis: int) -> Danger:
     """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) on a wide grid.
 
-    The wide grid has the axes that the velocity along this axis depends on. It goes past both ends by as many nodes as
-    the state crosses in an interval, and `MARGIN` more; velocities there are those at the end. ValueError where the
-    state crosses too many cells (`checked_travel`).
+    That grid has the axes that the velocity along this one depends on.
     """
     whole, dynamics, timed = samples.grid, samples.dynamics, samples.dynamics.depends_on_time
     slack = SLACK * whole.spacing[axis]  # a state on the end, to rounding, is on the grid
@@ -93,6 +73,7 @@ def _ends_as_danger(samples: Samples, axis: int) -> Danger:
     axes = samples.avoid_axes([axis])
     place, grid, delta = axes.index(axis), whole.subgrid(axes), samples.interval(0).delta
     speeds = np.max([samples.interval(step).speeds for step in range(samples.problem.steps if timed else 1)], axis=0)
+    # as far as the state comes in an interval; velocities there are those at the end
     more = int(np.ceil(checked_travel(whole, speeds, delta)[axis])) + MARGIN
     by = [(more, more) if i == place else (0, 0) for i in range(len(axes))]
     each = zip(grid.ends, grid.ends_where("frees").T, strict=True)  # who leaves there is out of danger here too

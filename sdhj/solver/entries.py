@@ -81,18 +81,13 @@ ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that on
 
 
 class Part(NamedTuple):
-    """What is computed and written at a time.
+    """What is computed and written at a time; the avoid tubes of a step, an entry (also a goal), or a share of one."""
 
-    kind : "avoid_static" or "avoid_moving", the avoid tubes of a step; "entry", also a goal; or "share", an entry by
-        the inputs of one byte of marks, which is united with others by the entry's own part.
-    step, within : the step k, and n of an entry; 0 otherwise.
-    byte : of a share its byte of the marks.
-    """
-
+    # "avoid_static", "avoid_moving", "entry" or "share": an entry by some inputs, which the entry's own part unites
     kind: str
     step: int
-    within: int = 0
-    byte: int = 0
+    within: int = 0  # n of an entry or a share
+    byte: int = 0  # of the marks, whose inputs a share has
 
     @property
     def name(self) -> str:
@@ -101,17 +96,9 @@ class Part(NamedTuple):
 
 
 class Folder:
-    """The folder of a table that is being solved, as one process sees it.
-
-    Attributes
-    ----------
-    path : Path
-    parts : GridParts
-        Of the problem and the method; what games sample is kept with it.
-    """
+    """The folder of a table that is being solved, as one process sees it; what games sample stays with its `parts`."""
 
     def __init__(self, path: Path, problem: ReachAvoidProblem, method: GridMethod) -> None:
-        """The folder at a path, of this problem and method; nothing is read yet."""
         self.path, self.parts = path, GridParts(problem, method, self.scratch)
 
     # ---- arrays
@@ -154,7 +141,7 @@ class Folder:
 
     @cached_property
     def rows(self) -> InputRows:
-        """The avoid tubes, mapped, as entries are intersected with them; made once, when all of them are complete."""
+        """The avoid tubes, mapped, as entries are intersected with them; all of them have to be complete."""
         return InputRows(self.parts.problem.grid, self.avoid_tubes())
 
     def avoid_tubes(self) -> AvoidTubes:
@@ -207,7 +194,7 @@ class Folder:
             self.set_mark(part, **{"solved": getattr(self.parts.games, "solved", 0) - solved} | told)
 
     def _avoid(self, part: Part) -> dict[str, Any]:
-        """Write the avoid tubes of a step; returns which sets are met, and what the games have noted."""
+        """Write the avoid tubes of a step; returns what its mark tells: the sets that are met, and the games' notes."""
         shape = self.parts.shape(part.kind)[part.kind == "avoid_moving" :]
         met = self.parts.write_avoid(part.kind, part.step, out := self.scratch(shape, self.parts.dtype))
         self.write(part.kind, part.step, out)
@@ -221,10 +208,7 @@ class Folder:
         return one == other or equal_tubes(self.tube(one), self.tube(other))
 
     def _entry(self, part: Part) -> dict[str, Any]:
-        """Write an entry, or unite its shares; returns its place, and whether it is the tube of the one before it.
-
-        Of united shares also how many PDEs were solved for them: one for each input.
-        """
+        """Write an entry, or unite its shares; returns its place, and whether it is the tube of the one before it."""
         parts, (_, step, within, _) = self.parts, part
         if self.repeated(part):
             return {"place": self.place(step, within - 1), "shared": True}
@@ -234,6 +218,7 @@ class Folder:
             parts.write_goal(step, tube)
         elif len(shares) == parts.shape("marks")[1]:
             tube.fill(np.inf)
+            # one PDE for each input, by those who made the shares
             told = {"solved": len(parts.problem.inputs)}
             for share in shares:
                 np.minimum(tube, np.load(share, mmap_mode="r"), out=tube)
@@ -293,13 +278,10 @@ class Folder:
         return int(file.read_text()) if file.exists() else 0
 
     def closed_up(self) -> FloatArray:
-        """The index (entries,) int64 of the table, whose tubes are numbered in their order, without gaps.
-
-        Tubes behind entries that have none of their own are moved up, one after the other, each flushed and noted
-        before the next one, so that this too goes on where it was stopped.
-        """
+        """The table's index (entries,) int64, after tubes behind entries that have none of their own were moved up."""
         size, places = self.parts.shape("marks")[1:], self.places
         for number, place in enumerate(np.unique(places).tolist()):
+            # each is flushed and noted before the next, so that this too goes on where it was stopped
             if number < place and number >= self.moved:
                 offset = container.HEADER + place * math.prod(size)
                 self.write("marks", number, np.memmap(self.file("marks"), np.uint8, "r", offset, size))
@@ -365,7 +347,7 @@ def folder_of(pickled: bytes) -> Folder:
 
 
 def complete_alone(pickled: bytes, part: Part, *needed: Any) -> None:
-    """Complete a part in a worker of a Dask client, one at a time; what is `needed` was waited for."""
+    """Complete a part in a worker of a Dask client; what is `needed` was waited for."""
     with ONE_AT_A_TIME:
         folder_of(pickled).complete(part)
 
@@ -376,10 +358,7 @@ def completed_by(
     """Have the workers of a Dask client complete parts, `IN_FLIGHT` rows at a time, and yield each when it is.
 
     Parts go through Dask's scheduler, arrays through the folder, which every worker has to see under the same path. A
-    worker that dies leaves no mark, and another one gets its part.
-
-    needs : which parts a part waits for; those that are not in `rows` are complete. An error of a worker is raised
-    here, with a note on how to go on; what has not begun then is cancelled.
+    worker that dies leaves no mark, and another one gets its part; of an error what has not begun is cancelled.
     """
     given = folder.path, folder.parts.problem, folder.parts.method
     pickled = importlib.import_module("cloudpickle").dumps(given)
@@ -387,7 +366,6 @@ def completed_by(
     futures, came_from = dict[Part, Any](), dict[str, tuple[Part, int]]()
 
     def landed() -> Part:
-        """The next part that is complete."""
         future = next(flying)
         future.result()
         part, row = came_from.pop(future.key)
@@ -400,6 +378,7 @@ def completed_by(
                 yield landed()
             left.append(len(row))
             for part in row:
+                # what is in no row is complete
                 waited = [futures[one] for one in needs(part) if one in futures]
                 future = client.submit(complete_alone, pickled, part, *waited, pure=False)
                 futures[part], came_from[future.key] = future, (part, number)
@@ -418,14 +397,9 @@ def completed_by(
 
 
 def solve_stored(sets: GridSets, path: Named, resume: bool, client: Any, done: Callable[[], Any]) -> None:
-    """Solve into a folder, entry by entry; `sdhj.load` then reads the table from there.
+    """Solve into a folder, entry by entry, and call `done` after each with n >= 1; errors are those of `sdhj.solve`.
 
-    sets : of the problem, as the method made them; nothing has been solved.
-    resume : whether a folder that is there already goes on; without it a name that exists is an error.
-    client : a Dask client, whose workers solve; None: this process.
-    done : called after each entry with n >= 1, also after those that were complete before.
-
-    The errors are those of `sdhj.solve`.
+    Nothing of `sets` has been solved; `client` None is this process.
     """
     folder = opened(sets, path, resume, client)
     with alone_in(folder.path) as unfinished:
@@ -448,7 +422,7 @@ def alone_in(path: Path) -> Iterator[bool]:
 
 
 def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -> None:
-    """Complete all parts of a folder, and make it a table; the arguments are those of `solve_stored`."""
+    """Complete all parts of a folder, and make it a table."""
     started, problem = time.perf_counter(), sets.problem
     completed = completed_here if client is None else partial(completed_by, client)
     static, moving = folder.parts.axes.values()
@@ -467,12 +441,12 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
     shares = range(folder.parts.shape("marks")[1]) if apart else range(0)
 
     def row(step: int) -> list[Part]:
-        """The entries of a step with n >= 1, each behind its shares."""
+        # those with n >= 1, each behind its shares
         each = [Part("entry", step, n) for n in range(1, problem.steps - step + 1)]
         return [part for one in each for part in (*(one._replace(kind="share", byte=b) for b in shares), one)]
 
     def needs(part: Part) -> list[Part]:
-        """What a part waits for: the two entries that it follows from, and an entry for its shares."""
+        # an entry follows from two others, and is united of its shares
         later = 0 if problem.time_invariant else part.step + 1
         own = [part._replace(kind="share", byte=byte) for byte in shares] if part.kind == "entry" else []
         return [*own, *{Part("entry", step, part.within - 1) for step in (part.step, later)}]
@@ -490,8 +464,7 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
 def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
     """The folder of a solve: new, or one that is there and goes on; memory and disk are looked at before.
 
-    ValueError if the method cannot be solved into a folder, or an argument is none. FileExistsError, TableFileError,
-    MemoryError, OSError as `sdhj.solve` lists them.
+    The errors are those of `sdhj.solve`.
     """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
@@ -528,7 +501,7 @@ def head_of(sets: GridSets) -> dict[str, Any]:
 
 
 def begin(folder: Folder, sets: GridSets) -> None:
-    """Make the folder of a new solve: its arrays, empty, and begun.json. It appears when all of that is there.
+    """Make the folder of a new solve, which appears when all of it is there: empty arrays and begun.json.
 
     OSError, with what to do, if it cannot be written; warns if the disk has too little room.
     """

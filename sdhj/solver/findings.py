@@ -56,10 +56,10 @@ RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer m
 
 
 def check_resolution(problem: ReachAvoidProblem, most: float = math.inf) -> None:
-    """Warn of seams, and of unsafe sets that hide between nodes, for methods on the grid.
+    """Warn of seams, and of unsafe sets that hide between nodes, for methods on the grid; of each set once.
 
-    Of each set one warning, looked for at `TIMES` times if it moves. Sets with sampling="cell", and those whose axes
-    have more than `most` nodes, are not looked at. Sets that no node is in danger of have `never_met_finding`.
+    Sets with sampling="cell", and those whose axes have more than `most` nodes, are not looked at. Sets that no node is
+    in danger of have `never_met_finding`.
     """
     check_seams(problem)
     samples = Samples(problem)
@@ -72,9 +72,7 @@ def check_resolution(problem: ReachAvoidProblem, most: float = math.inf) -> None
 def check_sets(problem: ReachAvoidProblem) -> None:
     """Warn of seams, and of unsafe sets that nodes miss, for methods that are not on the grid.
 
-    That is of what `check_seams` finds, and of unsafe sets that no node is in at any time, or that hide between the
-    nodes; between more than `MOST_NODES` only where no node is in the set. Methods on the grid call `check_resolution`
-    instead, and see for themselves whether a node is ever in danger.
+    Between more than `MOST_NODES` parts are sought only where no node is in the set.
     """
     check_seams(problem)
     samples = Samples(problem)
@@ -87,7 +85,7 @@ def check_sets(problem: ReachAvoidProblem) -> None:
 
 
 def _few_moments(problem: ReachAvoidProblem, unsafe_set: UnsafeSet) -> list[float]:
-    """Times, s, at which a set is looked at closely: `TIMES`, from 0 to the last step, or 0 if it does not move."""
+    """Times, s, at which a set is looked at closely, from 0 to the last step; 0 alone if it does not move."""
     return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
 
@@ -110,12 +108,8 @@ def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
 def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:
     """The finding that part of an unsafe set lies between the nodes at time t; None where no such part is found.
 
-    Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set. A cell is
-    searched if the least value at its corners is at most half the sum, over the axes, of the largest change between
-    neighbouring nodes; those of least value come first. At most about `SOUGHT` values of the function are computed, so
-    a part may be overlooked.
-
-    so : what follows from it, the end of the finding's sentence.
+    Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set. `so` says what
+    follows from it.
     """
     grid, values = samples.grid.subgrid(unsafe_set.axes), samples.sample(unsafe_set, t)
     spacing = np.array(grid.spacing)
@@ -125,6 +119,8 @@ def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str =
     seen = corners <= 0
     for axis in range(grid.ndim):
         seen = seen | neighbour(grid, seen, axis, -1, False) | neighbour(grid, seen, axis, 1, False)
+    # where the least value at the corners is at most half the sum, over the axes, of the largest change between
+    # neighbours; those of least value first, so that what is overlooked for `SOUGHT` is least likely
     suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1
@@ -180,7 +176,7 @@ def check_seams(problem: ReachAvoidProblem) -> None:
 
 
 def _moments(problem: ReachAvoidProblem, timed: bool) -> list[float]:
-    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `depends_on_time`."""
+    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `timed`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
 
@@ -189,13 +185,13 @@ def _moments(problem: ReachAvoidProblem, timed: bool) -> list[float]:
 def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
     """For each periodic axis its number, points (M, ndim) just before its upper end, and the same at its lower end.
 
-    They are `most` random points (of seed 0), half of their coordinates at nodes, and all nodes of the seam if these
-    are at most `most`. Cached: the arrays are shared and must not be written.
+    They are `most` random points, and all nodes of the seam if these are no more. Shared: they must not be written.
     """
     rng, found = np.random.default_rng(0), list[tuple[int, FloatArray, FloatArray]]()
     for axis in np.flatnonzero(grid.periodic).tolist():
         sides = [grid.nodes(k) if k != axis else np.zeros(1) for k in range(grid.ndim)]
         drawn = np.stack([rng.choice(side, most) for side in sides], axis=1)
+        # half of the coordinates are those of nodes
         at_nodes = rng.random((most, grid.ndim)) < 0.5
         points = np.where(at_nodes, drawn, rng.uniform(grid.lower, grid.upper, (most, grid.ndim)))
         if np.prod([len(side) for side in sides]) <= most:
@@ -210,8 +206,7 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t: float) -> Finding | None:
     """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not.
 
-    It is if the level-set function differs in sign on both sides of the seam, by more than 1e-6 of its largest absolute
-    value at random states.
+    The level-set function then differs in sign on both sides, by more than 1e-6 of its largest value at random states.
     """
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
@@ -235,8 +230,7 @@ def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t:
 def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | None:
     """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None.
 
-    A jump is a difference of more than 1e-6 of the greatest velocity there. Velocities that are undefined at the seam
-    are passed over.
+    A jump is a difference of more than 1e-6 of the greatest velocity there.
     """
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
@@ -264,11 +258,7 @@ def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | Non
 
 
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant.
-
-    The findings are a target whose level-set function may have the wrong sign, and axes that may be angles with wrong
-    ends or units. No warning is given.
-    """
+    """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant."""
     yield from _wrong_sign_of_target(problem)
     for axis in range(problem.grid.ndim):
         yield from _angle(problem, axis)
@@ -277,9 +267,8 @@ def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
 def _wrong_sign_of_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """Yield a finding where the target's level-set function may have the wrong sign.
 
-    So it may where the target fills more than half of its axes' grid, but not all of it, and has all nodes at the ends
-    of bounded axes. Judged at step 0, on at most about `SMALL` nodes. It yields nothing without a target, and where all
-    of the target's axes are periodic.
+    So it may where the target fills more than half of its axes' grid, not all, and all nodes at the ends of bounded
+    axes.
     """
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.has_no_target or all(grid.periodic):
@@ -298,11 +287,7 @@ def _wrong_sign_of_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
 
 
 def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
-    """Yield findings of an axis that may be an angle, because all functions repeat after a whole turn, of 2 pi or 360.
-
-    They are: it is many turns of 2 pi long; it is a turn long and has ends, though neither `periodic` nor `ends` was
-    given; an input moves the state along it by more than a turn in an interval.
-    """
+    """Yield findings of an axis that may be an angle, as all functions repeat after a whole turn, of 2 pi or 360."""
     grid = problem.grid
     length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
     if length > MOST_TURNS * TURNS["radians"] and _repeats(problem, axis, TURNS["radians"]):
@@ -332,22 +317,15 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
 
 
 def _fastest(problem: ReachAvoidProblem) -> FloatArray:
-    """The greatest speed along each axis at `_states` under any input: (ndim,), in the axes' units per second.
-
-    v is the upper vertex of its box, and the time that of step 0. Where velocities do not depend on the state, one
-    state is enough.
-    """
+    """The greatest speed along each axis at `_states` under any input: (ndim,), in the axes' units per second."""
+    # if nothing depends on the state, one is enough
     states = _states(problem)[: 1 if problem.dynamics.stateless else None]
     return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
-    """Whether all functions that read an axis have the same values, to `ALIKE`, a `turn` further on, and some change
-    along it.
-
-    Judged at `_states`. turn : in the axis's unit. False where a function is undefined a turn on, and for problems with
-    black boxes, of which nothing is known off the grid.
-    """
+    """Whether all functions that read an axis are alike a `turn` further on, to `ALIKE`, and some change along it."""
+    # of a black box nothing is known off the grid
     if problem.opaque:
         return False
     states, depends = _states(problem), False
@@ -374,11 +352,7 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the functions of states (M, ndim) that may depend on an axis.
-
-    They are the velocities under each input, (M, ndim), if the dynamics read the axis, and the level-set functions,
-    (M,), of the target and of unsafe sets that have it among their axes.
-    """
+    """Yield the functions of states (M, ndim) that may depend on an axis: velocities (M, ndim), level sets (M,)."""
     if problem.dynamics.reads[:, axis].any():
         yield from _velocities(problem)
     for part in problem.all_sets:
@@ -387,21 +361,14 @@ def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[Floa
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield for each input the function of states (M, ndim) that is the velocity at the first step, (M, ndim), per
-    second.
-
-    v is the upper vertex of its box.
-    """
+    """Yield for each input the velocity (M, ndim) of states at the first step, v being the upper vertex of its box."""
     t, dynamics = problem.time(0), problem.dynamics
     for j in range(len(problem.inputs)):
         yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
 
 
 def _level_set_values(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
-    """Level-set values (M,) of a set at states (M, ndim) at the time of step 0.
-
-    The states are not wrapped into the grid.
-    """
+    """Level-set values (M,) of a set at states (M, ndim) at the time of step 0."""
     return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid
 
 
@@ -444,9 +411,8 @@ def empty_finding(table: Table, share: float) -> Finding:
 def _costly_error(problem: ReachAvoidProblem) -> Finding | None:
     """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
 
-    It names the first axis along which 2 E, what the errors cost in an interval, is at least half the range of the
-    velocities under all inputs, times delta. Axes along which the inputs change nothing are left out. Velocities are
-    without a disturbance, at the first step, at `STATES` random states (of seed 0). None also without a `Sensing`.
+    It names the first axis along which 2 E, what the errors cost in an interval, is at least half of what the choice of
+    the input changes, without a disturbance, at random states.
     """
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.remembers:
@@ -468,7 +434,7 @@ def _costly_error(problem: ReachAvoidProblem) -> Finding | None:
 def target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     """Whether from any of these states (M, ndim) some input leads into the target in a step, by corners of the box.
 
-    A promise needs that, and more. Only the first states are looked at, as many as have `MOST_CORNERS` numbers.
+    A promise needs that, and more. Only as many states are looked at as have `MOST_CORNERS` numbers.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
@@ -482,24 +448,16 @@ def target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -
 
 
 class _Gaps(NamedTuple):
-    """The gaps between pieces of a tube along one axis, the worst of those that were looked at.
+    """The gaps between pieces of a tube along one axis, the worst that were seen; both inf if there is none."""
 
-    push : how far the disturbance pushes along the axis in an interval, at least, in the axis's unit; inf if there is
-        no gap.
-    width : how wide the gaps are, in the axis's unit; inf if there is none.
-    """
-
-    push: float
-    width: float
+    push: float  # in the axis's unit: how far the disturbance pushes in an interval, at least
+    width: float  # in the axis's unit: how wide the gaps are
 
 
 def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
     """Advice in sentences, if tubes may be separate pieces that the grid does not keep apart; else "".
 
-    The target is looked at, at the first, the middle and the last step if it moves, from random states (of seed 0). ""
-    also without a target, and where its axes have more than `LARGEST` nodes.
-
-    shifted : whether reach sets are computed by a shift or a formula; by differences more nodes are needed (`ENOUGH`).
+    Where reach sets are not `shifted`, nor by a formula, more nodes are needed (`ENOUGH`).
     """
     grid, axes = problem.grid, list(problem.target.axes)
     if problem.has_no_target or grid.subgrid(axes).size > LARGEST:
@@ -534,13 +492,10 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
 
 
 def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
-    """The gaps at a step along the axes that inputs move the target along, by the axis; {} if tubes are one piece.
+    """The gaps at a step by the axis along which inputs move the target; {} if tubes are one piece, or few are seen.
 
-    Looked for at random states (of seed 0) in the middle of the target, between neighbouring displacements of the
-    inputs (`_pairs`): the width of a gap is the distance of the two, less what the target reaches between them and what
-    the disturbance pushes. For each axis the least push and a small width (the quantile `RARE`) are returned; inf for
-    both where inputs move the target along the axis without a gap. {} also where gaps are found at less than a share
-    `RARE` of the states, or the target contains no node.
+    Looked for at random states in the middle of the target, between neighbouring displacements of the inputs
+    (`_pairs`): of each axis the least push and a small width, the quantile `RARE`.
     """
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
@@ -560,6 +515,8 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     along = (length > 0) & (length >= length.max(axis=1, keepdims=True) / 2)
     taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
     taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
+    # the width of a gap is the distance of the two, less what the target reaches between them and what the disturbance
+    # pushes
     longer = e * (1.0 + taken_off)[:, None]
     ways = _share_inside(problem, centres, longer, t) + _share_inside(problem, centres, -longer, t)
     alone, widths = ways < 1.0, np.abs(longer) * (1.0 - ways)[:, None]
@@ -575,13 +532,10 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
 
 
 def _pairs(displacements: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pairs of neighbours among the K displacements of each of M states; at most `MOST_PAIRS`, drawn by `rng`.
+    """Pairs of neighbours among the K `displacements` (M, K, axes), in cells; at most `MOST_PAIRS`, drawn by `rng`.
 
-    Returns three int arrays (pairs,): the state of each pair, and the indices of its first and second displacement,
-    first < second. Two displacements are neighbours if they differ and no third is nearer to both than they are to each
-    other (the relative neighbourhood graph, Toussaint 1980).
-
-    displacements : (M, K, axes), in cells.
+    Returns (pairs,) ints: states, and indices of the first and second displacement, which differ and of which no third
+    is nearer to both than they are to each other (the relative neighbourhood graph, Toussaint 1980).
     """
     distances = np.sqrt(((displacements[:, :, None] - displacements[:, None]) ** 2).sum(axis=3))
     far = np.triu(distances > 0)
@@ -593,10 +547,7 @@ def _pairs(displacements: FloatArray, rng: np.random.Generator) -> tuple[FloatAr
 
 
 def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
-    """The nodes in the target at time t that are as deep in it as all their neighbours: states (M, axes), M may be 0.
-
-    some : the subgrid of the target's axes.
-    """
+    """The nodes of the target's subgrid that are as deep in the target as all neighbours: states (M, axes), M >= 0."""
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values
     for axis in range(some.ndim):
@@ -606,12 +557,9 @@ def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
 
 
 def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
-    """How far the target at time t continues from states in it along e, as a share of e, 0 to 1: (M,).
-
-    centres, e : (M, axes) on the target's axes, in their units. The level-set function is evaluated at `PARTS` points
-        of the way, and taken to be linear between them.
-    """
+    """How far the target continues from `centres` in it along e, both (M, axes), as a share of e, 0 to 1: (M,)."""
     grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
+    # taken to be linear between these points
     points = centres[:, None] + shares[:, None] * e[:, None]
     values = problem.target.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(e), len(shares))
     first = np.where((values > 0).any(axis=1), (values > 0).argmax(axis=1), len(shares) - 1)
@@ -635,7 +583,7 @@ def projection_findings(
 ) -> list[Finding]:
     """Findings of subspaces that keep nothing of the target, and of sets that leave none free; [] if nothing is empty.
 
-    losses : "target_kept", a share for each subspace, and "free", a share by the name of each set that was projected.
+    `losses` are those of `sdhj.solver.projections.ProjectedSets`.
     """
     names, found = problem.grid.names, []
     for axes, share in zip(subspaces, losses["target_kept"], strict=True):

@@ -63,54 +63,36 @@ class Games(Protocol):
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j (*shape)) for each input j in turn: the reach set of {values <= 0} (Definition 2).
 
-        Phi_j is the level-set function, at the begin of the interval from a step, of the states that u_j leads into the
-        set {values <= 0} (*shape) at its end, without regard to the unsafe sets.
+        Phi_j is the level-set function, at the begin of the interval from a step, of the states that u_j leads into
+        {values <= 0}, values (*shape), at its end, without regard to the unsafe sets.
         """
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """For each input the avoid tube of an unsafe set over the interval from a step.
+        """For each input the avoid tube of an unsafe set over the interval from a step: <= 0 where it stays clear.
 
         The result has the shape (L, *subgrid of samples.avoid_axes(unsafe_set.axes)).
-
-        A level-set function: <= 0 where the input stays clear of the set.
         """
 
 
 class Pieces(NamedTuple):
-    """The reach sets of successive inputs, each the minimum of level-set functions on some axes, its pieces.
+    """The reach sets of successive inputs, each the minimum of level-set functions on some axes, its pieces."""
 
-    Attributes
-    ----------
-    first : int
-        The number of the first input.
-    shape : sequence of int
-        The nodes along all axes.
-    pieces : sequence of (inputs, *subgrid) arrays
-        For each subspace a function for each of the inputs.
-    axes : sequence of tuple of int
-        The axes of each subspace, ascending. One subspace with all axes means that the functions are written out.
-    flat : 1-D array, or None
-        Where there are several subspaces, the array of which the pieces are views, one after the other, with `PAST`
-        numbers more at its end, which `add_inputs` may read.
-    """
-
-    first: int
-    shape: Sequence[int]
-    pieces: Sequence[FloatArray]
-    axes: Sequence[Axes]
+    first: int  # number of the first input
+    shape: Sequence[int]  # of the whole grid
+    pieces: Sequence[FloatArray]  # for each subspace (inputs, *subgrid)
+    axes: Sequence[Axes]  # of each subspace, ascending; one with all axes means that the functions are written out
+    # what several pieces are views of, one after the other, with `PAST` numbers more that `add_inputs` may read
     flat: FloatArray | None = None
 
     @property
     def number(self) -> int:
-        """The number of inputs, whose reach sets these are."""
+        """How many inputs these are."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
-        """The level-set functions of some of these inputs on the whole grid: (inputs, *shape).
+        """The level-set functions of some of these inputs, counted from `first`, on the whole grid: (inputs, *shape).
 
         A view where there is one piece on all axes, else a new array.
-
-        some : a slice of the inputs, counted from `first`; by default all.
         """
         if len(self.axes[0]) == len(self.shape):
             return self.pieces[0][some]
@@ -119,11 +101,9 @@ class Pieces(NamedTuple):
 
 
 def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) -> FloatArray:
-    """Write the minimum over subspaces of functions that are constant along the other axes to `out`, and return it.
+    """Write the minimum of the `pieces`, each (L, *subgrid of its `axes`), into `out` (L, *shape), and return it.
 
     It is the union of their sets.
-
-    pieces : for each subspace an array (L, *subgrid). axes : the axes of each subspace. out : (L, *shape).
     """
     for j, total in enumerate(out):
         lengths = ([n if axis in keep else 1 for axis, n in enumerate(total.shape)] for keep in axes)
@@ -139,7 +119,8 @@ def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) 
 def in_eights(reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
     """Yield reach sets that come one by one, (j, values (*shape)) with ascending j, stacked to `Pieces`.
 
-    Successive inputs whose marks are in one byte, that is with the same j // 8, come together. The values are copied.
+    Successive inputs whose marks are in one byte, with the same j // 8, come together, as `add_inputs` writes whole
+    bytes.
     """
     for _, run in groupby(enumerate(reach_sets), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
@@ -149,8 +130,8 @@ def in_eights(reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
 def past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
     """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
 
-    It is 0 for periodic axes and for axes without a drift. For others it is, in nodes and rounded up, as far as the
-    disturbance pushes the state in an interval, or as far as the drift leads if that is less, and `BEYOND` nodes more.
+    That is as far as the disturbance pushes the state in an interval, or the drift leads if that is less, and `BEYOND`
+    more; 0 for periodic axes and for those without a drift.
     """
     grid, (drift, gain, bounds) = samples.grid, samples.dynamics.arrays
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * samples.interval(0).delta
@@ -162,37 +143,23 @@ def past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class ObstacleFunction:
-    """The obstacle function -g of an unsafe set, on the subgrid of some axes.
+    """The obstacle function -g of an unsafe set, on the subgrid of `axes`, those of the set among them."""
 
-    Attributes
-    ----------
-    axes : tuple of int
-        Of the problem's grid, ascending; those of the set are among them.
-    values_over : callable (t0, t1) -> array
-        max of -g(., t) over all t in [t0, t1], s: > 0 in what the state must not touch then, (*subgrid), read-only.
-    instant : bool
-        Whether `values_over` is called for each time step of the interval (view_time="instantaneous"), or once for all
-        of it.
-    """
-
-    axes: Axes
+    axes: Axes  # of the problem's grid, ascending
+    # max of -g(., t) over t in [t0, t1], s: (*subgrid), read-only, > 0 in what must not be touched
     values_over: Callable[[float, float], FloatArray]
+    # whether to ask for each time step of the interval (view_time="instantaneous"), or once for all of it
     instant: bool
 
     @classmethod
     def of(cls, samples: Samples, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
-        """The obstacle function of an unsafe set of the samples, on `axes`, ascending, which include those of the set.
-
-        With view_time="instantaneous" `values_over` is to be called for each time step of the interval, else once for
-        the whole interval.
-        """
+        """The obstacle function of an unsafe set of the samples, on ascending `axes` that include those of the set."""
         instant = unsafe_set.moving and samples.problem.view_time == "instantaneous"
         view_time = "swept" if instant else None
         grid, places = samples.grid.subgrid(axes), [axes.index(axis) for axis in unsafe_set.axes]
 
         # on the set's own axes in memory, of which there may be fewer
         def values_over(t0: float, t1: float) -> FloatArray:
-            """max of -g over [t0, t1], s, on the subgrid: (*subgrid), a read-only view, kept on the set's own axes."""
             return np.broadcast_to(grid.lift(-samples.sample(unsafe_set, t0, t1, view_time), places), grid.shape)
 
         return cls(axes, values_over, instant)
@@ -203,25 +170,11 @@ class _OnAxes:
 
     A subclass has `dtype`, `solved` and `shifted`, and implements `grouped_reach_sets` and either `each_tube` or
     `tubes`; `reach` and `avoid` follow.
-
-    Attributes
-    ----------
-    samples : Samples
-        Of the problem, on whose grid games are played.
-    axes : tuple of int
-        Those of the samples' grid on which reach games are played.
-    grid : Grid
-        Their subgrid.
-    count : int
-        L, the number of inputs.
-    duration, early : float
-        The length of the longest interval, and by how much it may end earlier, s.
     """
 
     dtype: str
 
     def __init__(self, samples: Samples, axes: Sequence[int] | None) -> None:
-        """Games on `axes` of the samples' grid, None for all."""
         self.samples = samples
         self.axes: Axes = tuple(range(samples.grid.ndim)) if axes is None else tuple(axes)
         self.grid = samples.grid if axes is None else samples.grid.subgrid(axes)
@@ -229,37 +182,26 @@ class _OnAxes:
         self.duration, self.early = interval.delta, interval.early
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """To be implemented: yield the reach sets of all inputs, groups of successive inputs at a time.
+        """To be implemented: yield the reach sets of {values <= 0}, values (*shape), some successive inputs at a time.
 
-        The reach set of an input is that of the states that it leads into {values <= 0} at the end of the interval from
-        a step. Inputs whose marks are in one byte, that is with the same j // 8, are in one group. They are at the
-        nodes of the grid without its padding (`Grid.inner`).
-
-        values : (*shape).
+        Inputs whose marks are in one byte, with the same j // 8, come together; at the nodes of the grid without its
+        padding.
         """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set, without a padding.
-
-        Phi_j is at the begin of the interval from `step`; {values <= 0}, values (*shape), is the set to be in at its
-        end.
-        """
+        """As `Games.reach`, without a padding."""
         return one_by_one(self.grouped_reach_sets(values, step))
 
     def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes of an unsafe set over the interval from a step: (L, *subgrid of its avoid_axes).
-
-        out : where they are written; None: to a new array.
-        """
+        """As `Games.avoid`, in `out` or a new array."""
         axes = self.samples.avoid_axes(unsafe_set.axes)
         return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes of an obstacle function over the interval from a step, > 0 in danger: (L, *its subgrid).
+        """The avoid tubes of an obstacle function over the interval from a step: (L, *its subgrid), in `out` or new.
 
-        For each input the maximum of what `each_tube` yields; -inf where it yields nothing. out : where they are
-        written; None: to a new array.
+        For each input the maximum of what `each_tube` yields; -inf where it yields nothing.
         """
         tubes = self.no_tubes(obstacle, out)
         for j, tube in self.each_tube(obstacle, step):
@@ -274,35 +216,20 @@ class _OnAxes:
         return out
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, part of the avoid tube of u_j) over the interval from a step; the tube is the maximum of its parts.
-
-        A part is on the subgrid of obstacle.axes. Inputs may come in any order, and several times.
-        """
+        """Yield (j, part of the avoid tube of u_j), in any order: the tube is the maximum of its parts."""
         raise NotImplementedError
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by finite differences, in the moving frame where that applies (`moving_frame`).
+    """Games 1 to 3 of App. A.3 by finite differences, or by shifts and the Hopf-Lax formula where these apply.
 
-    Avoid tubes are computed by the Hopf-Lax formula where it applies (`uses_hopf_lax`). `_OnAxes` has the attributes;
-    here also
-
-    Attributes
-    ----------
-    scheme : Scheme
-    dtype : str
-        That of the scheme.
-    solved : int
-        PDEs solved so far; one in the moving frame counts once for all inputs.
+    ValueError where, in the moving frame, the drift crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an
+    interval.
     """
 
     def __init__(self, samples: Samples, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
-        """Games on `axes` of the samples' grid, None for all, by a scheme.
-
-        ValueError where, in the moving frame, the drift crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an
-        interval.
-        """
         super().__init__(samples, axes)
+        # a PDE in the moving frame counts once for all inputs
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
@@ -312,25 +239,24 @@ class HJIGames(_OnAxes):
 
     @property
     def drift(self) -> FloatArray:
-        """The velocity under each input along the games' axes: (L, axes); only where it is constant."""
+        """The velocity under each input along the games' axes, which is constant: (L, axes)."""
         return self.samples.dynamics.arrays[0][:, self.axes]
 
     @property
     def push(self) -> FloatArray:
-        """max |gain_id v_d| = |gain_id| bounds_d along each of the games' axes: (axes, D); only where constant."""
+        """max |gain_id v_d| = |gain_id| bounds_d along each of the games' axes, where constant: (axes, D)."""
         _, gain, bounds = self.samples.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether games may be played in the moving frame, coordinates that move with the drift; computed once.
+        """Whether games may be played in the moving frame, coordinates that move with the drift.
 
         There the PDE has the disturbance alone, so that one solution, shifted by the drift under each input, serves for
         all inputs. The frame applies if the scheme allows it and velocities are constant, unless some axis with a drift
 
         * has an unsafe end, and there is no target; or
-        * has a wall, a component of v that moves several axes moves this one, and v may be stronger than the drift
-          under some input.
+        * has a wall, a component of v that moves several axes moves this one, and v may be stronger than the drift.
         """
         # At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the
         # interval. This is right where the disturbance moves the axis on its own, and where the state never turns back
@@ -356,7 +282,6 @@ class HJIGames(_OnAxes):
         """How far the disturbance moves a state along each axis in an interval, in the axis's unit: (axes,).
 
         0 along an axis for less than a cell, and along all where a component of the disturbance moves several axes.
-        Computed once; only where velocities are constant.
         """
         # Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps
         # them. Below a cell the box contains no other node, and interpolation alone would wear sets down. Where a
@@ -368,20 +293,15 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame: `moving_frame`, and intervals may not end early.
-
-        With intervals that may end early there would be many shifts.
-        """
+        """Whether reach sets are computed in the moving frame; intervals that may end early would need many shifts."""
         return self.moving_frame and not self.early
 
     @cached_property
     def moving_grid(self) -> tuple[Grid, tuple[int, ...]]:
-        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis; computed once.
-
-        Past an end the values at the end continue: at a wall the state stays there, past a safe end it has won, and
-        from an unsafe end it cannot come, which the avoid games see to.
-        """
+        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis."""
         past = past_ends(self.samples, self.axes)
+        # Past an end the values at the end continue: at a wall the state stays there, past a safe end it has won, and
+        # from an unsafe end it cannot come, which the avoid games see to.
         return self.grid.wider([(n, n) for n in past]) if any(past) else self.grid, past
 
     @property
@@ -390,13 +310,7 @@ class HJIGames(_OnAxes):
         return not self.shifted
 
     def grouped_reach_sets(self, values: FloatArray, step: int, some: range | None = None) -> Iterator[Maxima | Pieces]:
-        """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
-
-        In the moving frame they are shifts of one PDE's solution; else each input has its PDE.
-
-        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
-        some : the inputs that are meant, only where they are `apart`; None: all.
-        """
+        """As `_OnAxes.grouped_reach_sets`, of `some` inputs where they are `apart`."""
         if self.shifted:
             yield from self._shifts(values, step)
         else:
@@ -408,8 +322,6 @@ class HJIGames(_OnAxes):
 
         Psi is the reach set under the disturbance alone: the greater of the solution by differences and of the maximum
         over the box that the disturbance moves a state in (`displacement_by_disturbance`).
-
-        values : (*shape), the level-set function of the set to be in at the end of the interval from `step`.
         """
         (grid, past), shift, inner = self.moving_grid, self.drift * self.duration, self.grid.inner
         if any(past):
@@ -426,10 +338,7 @@ class HJIGames(_OnAxes):
         yield from maxima(grid, still, shift, shift, SHIFT, inner)
 
     def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
-        """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3; counted in `solved`.
-
-        values : (*shape) at the interval's end. j : the index of the input.
-        """
+        """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3."""
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
         steps = self.steps(self.axes, step) if callable(velocities) else None
@@ -441,31 +350,28 @@ class HJIGames(_OnAxes):
     def uses_hopf_lax(self, axes: Axes) -> bool:
         """Whether the avoid tubes on some axes are computed by the Hopf-Lax formula.
 
-        Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
-        the moving frame, if no drift is along a bounded axis and each component of the disturbance moves one axis only:
-        for others it would use the bounding box of the velocities, and would not converge. Where the state drifts along
-        bounded axes it takes more pieces of the interval than differences take time steps, and would cost twice as
-        much.
+        It applies in the moving frame, if no drift is along a bounded axis and each component of v moves one axis only.
         """
+        # Finite differences erode the maxima, so that unsafe states look safe. For components that move several axes
+        # the formula would use the bounding box of the velocities, and not converge. Where the state drifts along
+        # bounded axes it takes more pieces of the interval than differences take time steps, and would cost twice as
+        # much.
         along = self.moving_frame and not self.drift[:, ~np.array(self.grid.periodic)].any()
         return along and not self.samples.dynamics.couples(axes)
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
-        """The games of the same problem and axes by the Hopf-Lax formula, made once; only where these exist."""
+        """The games of the same problem and axes by the Hopf-Lax formula; only where these exist."""
         return HopfLaxGames(self.samples, SHIFT, self.dtype, self.axes)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """As `_OnAxes.tubes`: by the Hopf-Lax formula where it applies (`uses_hopf_lax`), else by differences."""
+        """As `_OnAxes.tubes`: by the Hopf-Lax formula where it applies, else by differences."""
         if not self.uses_hopf_lax(obstacle.axes):
             return super().tubes(obstacle, step, out)
         return self.formula.tubes(obstacle, step, out)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, avoid tube of u_j) for every input, by differences with -g as obstacle; counts PDEs in `solved`.
-
-        The tubes are on the subgrid of obstacle.axes.
-        """
+        """Yield (j, avoid tube of u_j) for every input, by differences with -g as obstacle."""
         grid, steps = self.samples.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         at = self.obstacle_at(obstacle, step, steps)
         least: Any = at if obstacle.instant else at(0.0)
@@ -478,16 +384,15 @@ class HJIGames(_OnAxes):
             )
 
     def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The obstacle function as a function of tau, s, the time left in the interval from `step`: tau -> (*subgrid).
+        """The obstacle function as one of tau, s, the time left in the interval from `step`: tau -> (*subgrid).
 
-        At each tau it is swept over the time step that begins there, of `steps` in the interval; or, where the obstacle
-        is not `instant`, over the whole interval. Values are kept as long as the function.
+        It is swept over the time step that begins there, of `steps` in the interval; if not `instant`, over the whole
+        interval.
         """
         t0, t1 = self.samples.problem.span(step)
 
         @cache
         def at(tau: float) -> FloatArray:
-            """max of -g over the time step that begins tau s before the interval's end; or over the whole interval."""
             if not obstacle.instant:
                 return obstacle.values_over(t0, t1)
             return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
@@ -499,26 +404,20 @@ class HJIGames(_OnAxes):
     ) -> Velocities | Callable[[float], Velocities]:
         """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it.
 
-        It is a `Velocities` or, if velocities depend on time, a function of tau, s, counted back from the interval's
-        end, that returns one; it raises ValueError where velocities change too fast within the interval. Up to `KEPT`
-        bytes of velocities are kept for the next call; if they depend on time, those of one interval.
-
-        drift : False leaves the drift out.
+        If velocities depend on time it is a function of tau, s, counted back from the interval's end, which raises
+        ValueError where they change too fast.
         """
         interval = self.samples.interval(step)
         if not self.samples.dynamics.depends_on_time:
             return self._field(j, axes, step, interval.begin, drift)
+        # velocities of one interval are kept
         if interval.begin != self._begun:
             self._fields.clear()
             self._bytes_left, self._begun = KEPT, interval.begin
         return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
 
     def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
-        """The velocity set of u_j along some axes at time t, s, of the interval from a step; kept while there is room.
-
-        drift : False leaves the drift out. ValueError if velocities change so fast within the interval that the time
-            steps, which `steps` counts, are too long at t.
-        """
+        """The velocity set of u_j along some axes at time t, s, of the interval from a step; `KEPT` bytes are kept."""
         if (key := (j, axes, drift, t)) not in self._fields:
             field = self.samples.interval(step).velocities(j, axes, t, drift=drift)
             own = self.samples.grid.subgrid(axes)
@@ -526,6 +425,7 @@ class HJIGames(_OnAxes):
                 self.samples.dynamics.depends_on_time
                 and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1
             ):
+                # the time steps, which were counted at some instants, are too long at t
                 raise too_restless_error(self.duration)
             laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
             if (left_over := self._bytes_left - field.nbytes - laid_out) < 0:
@@ -536,10 +436,7 @@ class HJIGames(_OnAxes):
     def steps(self, axes: Axes, step: int) -> int:
         """How many time steps of the interval from a step are enough for every input, at least 1.
 
-        It is the most that the CFL condition asks for, at `INSTANTS` of the interval if velocities depend on time.
-        Computed once for each interval that differs.
-
-        axes : the axes on which the game is played.
+        The most that the CFL condition asks for, at `INSTANTS` of the interval if velocities depend on time.
         """
         key = axes, step if self.samples.dynamics.depends_on_time else 0
         if key not in self._steps:
@@ -557,29 +454,15 @@ class HJIGames(_OnAxes):
 class HopfLaxGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by the Hopf-Lax formula (`sdhj.solver.hopf_lax`), exact up to interpolation.
 
-    The velocity set must not depend on the state. A component of v that moves several axes moves the state along a
-    segment; where `Interval.segments` has none for it, the bounding box of the velocities is used, which is
-    conservative.
-
-    `_OnAxes` has the attributes; here also
-
-    Attributes
-    ----------
-    interpolation : {"limited", "linear"}
-    dtype : {"float32", "float64"}
-    cells : (ndim,) array
-        How many cells the state crosses along each axis of the samples' grid in an interval, at most.
+    A component of v that moves several axes moves the state along a segment; where `Interval.segments` has none for it,
+    the bounding box of the velocities is used, which is conservative. ValueError where velocities depend on the state,
+    cross more than `sdhj.solver.schemes.MOST_STEPS` cells in an interval, or change too fast within one.
     """
 
     solved = 0  # a formula in place of PDEs
     shifted = True  # as `HJIGames.shifted`
 
     def __init__(self, samples: Samples, interpolation: str, dtype: str, axes: Any = None) -> None:
-        """Games on `axes` of the samples' grid, None for all; the other arguments are attributes of the class.
-
-        ValueError where velocities depend on the state, cross more than `sdhj.solver.schemes.MOST_STEPS` cells in an
-        interval, or change too fast within an interval.
-        """
         super().__init__(samples, axes)
         if not samples.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
@@ -592,15 +475,13 @@ class HopfLaxGames(_OnAxes):
             whole, first, second = (np.array(interval.displacement_boxes(*part)) for part in parts)
             if (np.abs(whole - first - second) > np.array(samples.grid.spacing) / 100).any():
                 raise too_restless_error(self.duration)
+        # crossed along each axis of the samples' grid in an interval
         self.cells = checked_travel(samples.grid, speed, self.duration)
         self._about: tuple[Interval | None, dict[Any, Any]] = None, {}
 
     def _kept_for_interval(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
-        """The value of `find()`, computed once for each `key` and kept until another interval is asked for.
-
-        Where velocities do not depend on time all steps have one interval. key : hashable, what the value depends on
-        besides the interval.
-        """
+        """The value of `find()`, computed once for each `key` and kept until another interval is asked for."""
+        # where velocities do not depend on time all steps have one interval
         if self._about[0] is not interval:
             self._about = interval, {}
         if key not in self._about[1]:
@@ -609,12 +490,7 @@ class HopfLaxGames(_OnAxes):
         return found
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
-
-        They are maxima of `values` over the set that each input leads to at the end of the interval from a step.
-
-        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
-        """
+        """As `_OnAxes.grouped_reach_sets`: maxima of `values` over the set that each input leads to."""
         interval, axes = self.samples.interval(step), list(self.axes)
         moved = self._kept_for_interval(
             interval, "reach", lambda: self._displacement_sets(interval, axes, [self.duration])
@@ -624,21 +500,14 @@ class HopfLaxGames(_OnAxes):
         )
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """As `_OnAxes.tubes`.
-
-        For each input the maximum of -g over all that the state may reach in the interval, one piece of it after
-        another.
-        """
+        """As `_OnAxes.tubes`: the maximum of -g over all that the state may reach, a piece of the interval at a time."""
         tubes = self.no_tubes(obstacle, out)
         for some in self._tube_maxima(obstacle, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
 
     def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
-        """Yield, for each piece of the interval from a step, the maxima of -g over all that the state may reach in it.
-
-        They come some inputs at a time, over a box and segments for each input.
-        """
+        """Yield the maxima of -g over all that the state may reach in each piece of the interval, some inputs each."""
         samples, axes = self.samples, list(obstacle.axes)
         grid, pieces, interval = samples.grid.subgrid(axes), self.pieces(axes), samples.interval(step)
         times = samples.problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
@@ -657,10 +526,9 @@ class HopfLaxGames(_OnAxes):
         )
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """For each input a box and segments whose sum holds its displacements at all times in `ends`.
+        """For each input a box and segments along `axes` whose sum holds its displacements at all times in `ends`.
 
-        axes : the axes of the samples' grid along which displacements are returned, in this order.
-        ends : s from the interval's begin, ascending, at least one.
+        `ends` are in s from the interval's begin, ascending.
         """
         boxes = np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes]
         halves = interval.segments(axes)
@@ -669,8 +537,5 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def pieces(self, axes: list[int]) -> int:
-        """Into how many pieces the interval is cut, at least 1.
-
-        So many that in each the state moves at most a quarter of a cell along any of `axes`.
-        """
+        """Into how many pieces the interval is cut: in each the state moves at most a quarter of a cell on each axis."""
         return max(1, int(np.ceil(self.cells[axes].max() * 4)))

@@ -40,8 +40,8 @@ from sdhj.problem.grid import Grid
 class Moved(NamedTuple):
     """The displacements to which each of L inputs leads: the sum of a box and of K segments from -half to half.
 
-    low, high : (L, ndim), the lower and upper corner of the box, relative to the state, in the axes' units.
-    halves : (L, K, ndim), the halves of the segments.
+    `low` and `high` (L, ndim) are the box's corners relative to the state, `halves` is (L, K, ndim), all in the axes'
+    units.
     """
 
     low: FloatArray
@@ -54,11 +54,7 @@ def maxima_over_sets(
 ) -> Iterator[Maxima]:
     """Yield the maxima of `values` (*shape) over x + the set `moved` of each input, successive inputs at a time.
 
-    The maximum is taken over the segments first, at all nodes, then over the box.
-
-    interpolation : {"limited", "linear"}, between nodes.
-    wanted : for each axis the slice of the nodes whose maxima are needed; None: all. `sdhj.problem.boxes.maxima`
-        explains both.
+    `sdhj.problem.boxes.maxima` has the other arguments. The maximum is taken over the segments first, at all nodes.
     """
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)

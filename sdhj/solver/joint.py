@@ -22,25 +22,15 @@ from sdhj.table.table import AvoidTubes
 
 
 class JointGames(HJIGames):
-    """Games whose reach sets avoid all unsafe sets already, but not the unsafe ends of axes.
-
-    The attributes are those of `HJIGames`.
-    """
+    """Games whose reach sets avoid all unsafe sets already, but not the unsafe ends of axes."""
 
     @property
     def shifted(self) -> bool:
-        """Whether the moving frame is used: as for `HJIGames`, but never with unsafe sets, which would move in it."""
+        """As `HJIGames.shifted`, but never with unsafe sets, which would move in that frame."""
         return super().shifted and not self.samples.unsafe
 
     def grouped_reach_sets(self, values: FloatArray, step: int, some: range | None = None) -> Iterator[Maxima | Pieces]:
-        """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time.
-
-        For each input a PDE is solved, with -g of the sets that are unsafe under this input as obstacle. Without unsafe
-        sets they are reach sets, as those of `HJIGames`.
-
-        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
-        some : the inputs that are meant, only where they are `apart`; None: all.
-        """
+        """Yield level-set functions of the reach-avoid sets (Definition 4), each of a PDE that has -g as obstacle."""
         samples, grid = self.samples, self.grid
         if not samples.unsafe:
             yield from super().grouped_reach_sets(values, step, some)
@@ -51,19 +41,18 @@ class JointGames(HJIGames):
 
         @cache
         def union(which: tuple[int, ...], tau: float) -> FloatArray:
-            """The maximum of -g over some unsafe sets, given by their positions, at tau s left: (*shape), kept."""
             highest = np.full((1,) * grid.ndim, -np.inf)
             for place in which:
                 highest = np.maximum(highest, grid.lift(unsafe[place](tau), obstacles[place].axes))
             return np.ascontiguousarray(np.broadcast_to(highest, grid.shape), dtype=self.dtype)
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
-            """Yield (j, level-set function of its reach-avoid set) for every input j; counted in `solved`."""
             for j in range(self.count) if some is None else some:
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)
                 which = tuple(place for place, one in enumerate(samples.unsafe) if one.counts(j))
                 instant = samples.problem.view_time == "instantaneous"
+                # of the sets that are unsafe under this input
                 met: Any = None if not which else partial(union, which) if instant else union(which, 0.0)
                 given = grid, values, velocities, self.duration, self.scheme, self.early
                 yield j, evolve_with_early_end(*given, obstacle=met, steps=steps)[grid.inner]
@@ -77,7 +66,7 @@ class JointSets(GridSets):
     storable = False
 
     def avoided(self, avoid: AvoidTubes) -> AvoidTubes:
-        """The avoid tubes that reach sets are intersected with: none, unless the grid has unsafe ends."""
+        """None, unless the grid has unsafe ends."""
         if self.problem.grid.has("fails"):
             return avoid
         nothing = np.full(len(avoid.static), -np.inf, avoid.static.dtype)
@@ -117,12 +106,11 @@ class Joint(Options):
     name: ClassVar[str] = "joint"
 
     def __post_init__(self) -> None:
-        """Check the scheme; ValueError where it is none."""
         checked_scheme(self.scheme)
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options of the scheme as plain values by name; a table's details have them."""
+        """What a table's details say of the scheme."""
         return dict(vars(self.scheme))
 
     def on(self, samples: Samples) -> JointGames:
@@ -130,5 +118,5 @@ class Joint(Options):
         return JointGames(samples, self.scheme)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> JointSets:
-        """The tubes as level-set functions on the grid, to be filled in by `recursion`; as `HJI.sets`."""
+        """As `HJI.sets`."""
         return JointSets(problem, self)

@@ -60,7 +60,6 @@ class HJI(Options):
     name: ClassVar[str] = "hji"
 
     def __post_init__(self) -> None:
-        """Check the scheme; ValueError where it is none."""
         checked_scheme(self.scheme)
 
     @property
@@ -75,7 +74,7 @@ class HJI(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`.
 
-        ValueError if the method does not fit the problem. progress : ignored; the progress bar is the caller's.
+        ValueError if the method does not fit the problem. `progress` is ignored; the progress bar is the caller's.
         """
         return GridSets(problem, self)
 
@@ -117,24 +116,20 @@ class HopfLax(Options):
     name: ClassVar[str] = "lax"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where `interpolation` or `dtype` does not fit."""
         option("interpolation", self.interpolation, INTERPOLATIONS)
         option("dtype", self.dtype, DTYPES)
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options as plain values by name; a table's details have them."""
+        """As `HJI.options`."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HopfLaxGames:
-        """The games of the intervals of a problem by the Hopf-Lax formula, on some axes, by default all."""
+        """As `HJI.on`, by the Hopf-Lax formula."""
         return HopfLaxGames(samples, self.interpolation, self.dtype, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled in by `recursion`; otherwise as `HJI.sets`.
-
-        ValueError with jitter.
-        """
+        """As `HJI.sets`; ValueError with jitter."""
         refuse_jitter(problem)
         return GridSets(problem, self)
 

@@ -52,22 +52,19 @@ GROWN = "these subspaces are too conservative here"
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
     """The subspaces, each the axes that it keeps: each drops one axis that no input drives, or else any one axis.
 
-    Axes that the inputs drive are kept, because without them nothing can be steered to the target. In the case studies
-    py or px is dropped: the paper's two subspaces. ValueError where the grid has one axis.
+    ValueError where the grid has one axis.
     """
     ndim, everything = problem.grid.ndim, tuple(range(problem.grid.ndim))
     if ndim == 1:
         raise ValueError('method="projected" needs a grid of at least 2 axes, one to drop; use method="hji"')
+    # without the axes that inputs drive nothing can be steered to the target
     driven = driven_axes(problem)
     dropped = [axis for axis in reversed(everything) if not driven[axis]] or list(reversed(everything))
     return tuple(tuple(axis for axis in everything if axis != drop) for drop in dropped)
 
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
-    """Whether the choice of the input changes the drift along each axis: (ndim,) bool.
-
-    All are True if the drift is a black box.
-    """
+    """Whether the choice of the input changes the drift along each axis, (ndim,) bool; all True of a black box."""
     drift, count = problem.dynamics.drift, len(problem.inputs)
     if isinstance(drift, BlackBox):
         return np.ones(problem.grid.ndim, np.bool_)
@@ -76,14 +73,7 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
-    """The subspaces as tuples of ascending axes, in the given order; None gives the `default_subspaces`.
-
-    Raises
-    ------
-    ValueError
-        If there is none, if one does not consist of distinct axes of the grid or occurs twice, or, for None, if the
-        grid has one axis.
-    """
+    """The subspaces as tuples of ascending axes, in the given order; None is the `default_subspaces`. Or ValueError."""
     if subspaces is None:
         return default_subspaces(problem)
     ndim = problem.grid.ndim
@@ -99,23 +89,12 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
 class ProjectedGames:
     """Games 2 and 3 on several subspaces, back-projected and united: the results are inside the true ones.
 
-    Attributes
-    ----------
-    samples : Samples
-    inner : callable (axes) -> HJIGames or HopfLaxGames
-        Makes the games on a subspace; called once for each.
-    subspaces : tuple of tuple of int
-        The axes that each subspace keeps, ascending.
-    free : dict
-        For each unsafe set that had to be projected, by its position in problem.unsafe, the largest share of a
-        subspace, 0 to 1, that is outside its outer projection. `avoid` fills it in.
-    dtype : str
+    `inner` makes the games on a subspace, given by the axes that it keeps.
     """
 
     def __init__(
         self, samples: Samples, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
-        """Games of a problem on subspaces; those of the first subspace are made at once, for their dtype."""
         self.samples, self.inner, self.subspaces = samples, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by position in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -139,9 +118,9 @@ class ProjectedGames:
         return self._games[axes]
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
-        """s_p(x) = max over the dropped coordinates w of s(x, w), at the nodes of the subgrid of `axes`.
+        """s_p(x) = max over the dropped coordinates w of s(x, w), s (*shape), at the nodes of the subgrid of `axes`.
 
-        values : s (*shape) on the whole grid. With all axes kept it is `values` itself.
+        With all axes kept it is `values` itself.
         """
         for axis in reversed([axis for axis in range(self.samples.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
@@ -155,10 +134,7 @@ class ProjectedGames:
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
         """Yield the reach sets of all inputs at once, as pieces on the subspaces, whose union is inside the true ones.
 
-        A reach set is that of the states that an input leads into {values <= 0} at the end of the interval from a step.
-        On each subspace it is computed from the inner projection of this set.
-
-        values : (*shape) on the whole grid.
+        On each subspace they are computed from the inner projection of {values <= 0}.
         """
         grid, count, pieces, end = self.samples.grid, len(self.samples.problem.inputs), list[FloatArray](), 0
         whole = tuple(n - low - high for n, (low, high) in zip(grid.shape, grid.padding, strict=True))
@@ -180,26 +156,18 @@ class ProjectedGames:
         return one_by_one(self.grouped_reach_sets(values, step))
 
     def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
-
-        Returns (L, *subgrid of samples.avoid_axes(unsafe_set.axes)), <= 0 where an input stays clear of the set. out :
-        where they are written; None: to a new array.
-
-        If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
-        the safe states for the outer projections to the subspaces are united, and `free` is updated. If no subspace
-        keeps any of the axes, the tubes are constant: the largest value of -g.
-        """
+        """The avoid tubes of an unsafe set over the interval from a step, as `Games.avoid`, inside the true ones."""
         samples = self.samples
         axes = samples.avoid_axes(unsafe_set.axes)
         grid = samples.grid.subgrid(axes)
         if any(set(axes) <= set(subspace) for subspace in self.subspaces):
+            # one subspace keeps all that the tubes depend on: nothing is projected
             return self.on(tuple(range(samples.grid.ndim))).avoid(unsafe_set, step, out)
         out = np.empty((len(samples.problem.inputs), *grid.shape), self.dtype) if out is None else out
         obstacle, kept = ObstacleFunction.of(samples, unsafe_set, axes), self._kept(axes)
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
-            """The outer projection (*subgrid of `keep`) of max -g over [t0, t1] to these axes; kept for later calls."""
             if (t0, t1) not in sampled:  # once for all subspaces
                 sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
@@ -217,17 +185,14 @@ class ProjectedGames:
         return united(tubes, local, out)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """Which of some axes each subspace keeps, without those that keep none, or a part of what another keeps.
-
-        Each tuple of axes comes once, in the order of `subspaces`; [] where no subspace keeps any.
-        """
+        """Which of some axes each subspace keeps, each once, without those that keep none, or less than another."""
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
 
     def outer_projections(self, unsafe_set: UnsafeSet, axes: Axes, obstacle: FloatArray) -> dict[Axes, FloatArray]:
-        """-g_p(x) = max over the dropped coordinates w of -g(x, w), by the axes that are kept; also updates `free`.
+        """-g_p(x) = max over the dropped coordinates w of -g(x, w), by each of `_kept(axes)`; noted in `free`.
 
-        obstacle : -g (*subgrid of `axes`) of the unsafe set. The keys are `_kept(axes)`.
+        `obstacle` is -g (*subgrid of axes).
         """
         projected = {}
         for keep in self._kept(axes):
@@ -244,21 +209,15 @@ class ProjectedGames:
 class ProjectedSets(GridSets):
     """`GridSets` of method "projected", whose table also says how much the projections lose.
 
-    Attributes
-    ----------
-    games : ProjectedGames
-    goals : dict
-        By the step k, the position in the table's tubes at which the entry (k, 0) was written by `begin`.
-    losses : dict
-        "target_kept": for each subspace the share, 0 to 1, of the volume of the safe target (the target minus the
-        unsafe sets) that the inner projection keeps, the largest over the steps. "free": for each unsafe set that had
-        to be projected, by its name, the largest share of a subspace outside its outer projection.
+    Its `losses` are "target_kept", for each subspace the share, 0 to 1, of the volume of the goal that the inner
+    projection keeps, the largest over the steps; and "free", the greatest share of a subspace outside a set's outer
+    projection, by the set's name.
     """
 
     games: ProjectedGames
 
     def begin(self) -> None:
-        """As `GridSets.begin`; also write the entries (k, 0), and look over what is left."""
+        """As `GridSets.begin`; also write the entries (k, 0), which `look_over` projects."""
         super().begin()
         self.goals: dict[int, int] = {}
         for step in self.rows_of_entries:
@@ -267,22 +226,16 @@ class ProjectedSets(GridSets):
         self.look_over(lambda step: self.tubes[self.goals[step]], self.games.free)
 
     def write_goal(self, step: int) -> None:
-        """Write the entry (step, 0): copy the tube that `begin` has written to where the entry lies now.
-
-        Nothing is done if it lies where `begin` wrote it; an entry moves up as tubes before it are shared.
-        """
+        """Copy the entry (step, 0), which `begin` has written, to where it lies once tubes before it are shared."""
         if (place := self.place(step, 0)) != self.goals[step]:
             self.tubes[place] = self.tubes[self.goals[step]]
 
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
-        """Find how much the projections lose (`losses`), and warn where nothing is left.
-
-        goal : a step's entry (step, 0), (*shape). free : `ProjectedGames.free` after all avoid games.
-        """
+        """Find how much the projections lose (`losses`), and warn where nothing is left."""
         games, grid = self.games, self.problem.grid
 
         def share(values: FloatArray, axes: Axes) -> float:
-            """The volume of the inner projection of {values <= 0} to some axes over its own; 0 if that is 0."""
+            # of the volume, before and after
             whole = grid.fraction(values <= 0)
             return grid.subgrid(axes).fraction(games.inner_projection(values, axes) <= 0) / whole if whole > 0 else 0.0
 
@@ -296,11 +249,9 @@ class ProjectedSets(GridSets):
         tell(*projection_findings(self.problem, games.subspaces, self.losses))
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
-        """`losses` and the sentences of all warnings as "projection", for the table's details.
-
-        Warns if the tubes never grow beyond the target, unless the cause has been warned of before.
-        """
+        """`losses` and the sentences of all warnings as "projection"; warns if tubes never grow beyond the target."""
         found = projection_findings(self.problem, self.games.subspaces, self.losses)
+        # else the cause has been told before
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
             tell(found[0])
@@ -348,7 +299,6 @@ class Projected(Options):
     name: ClassVar[str] = "projected"
 
     def __post_init__(self) -> None:
-        """Check the inner method and the subspaces, which become tuples; ValueError where one does not fit."""
         if not isinstance(self.inner, HJI | HopfLax):
             raise ValueError(f"inner must be a sdhj.HJI or a sdhj.HopfLax, got {reprlib.repr(self.inner)}")
         if self.subspaces is None:
@@ -382,27 +332,16 @@ class Projected(Options):
 
 
 class OnSubspaces(NamedTuple):
-    """The method "projected" for one problem, as `GridSets` takes it.
-
-    name : "projected".
-    options : plain values by name, for the table's details; the keys are "subspaces", "inner" and those of the inner
-        method.
-    inner : the method that plays the games on the subspaces.
-    subspaces : the axes that each subspace keeps, ascending.
-    grid : that of the games, of which subspaces are taken.
-    """
+    """The method "projected" for one problem, as `GridSets` takes it."""
 
     name: str
     options: dict[str, Any]
     inner: HJI | HopfLax
     subspaces: tuple[Axes, ...]
-    grid: Grid
+    grid: Grid  # of the games, of which subspaces are taken
 
     def on(self, samples: Samples) -> Games:
-        """`ProjectedGames` of samples on `grid`; of others the games of the inner method, on all of their axes.
-
-        Others are on the wide grids of the ends of an axis, which have the few axes that they need.
-        """
+        """`ProjectedGames` on the grid of the games; on the wide grid of an axis's ends the inner method's games."""
         if samples.grid != self.grid:
             return self.inner.on(samples)
         return ProjectedGames(samples, lambda axes: self.inner.on(samples, axes), self.subspaces)

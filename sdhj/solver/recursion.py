@@ -78,12 +78,12 @@ class TubeSets(Protocol):
 
 
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
-    """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place.
+    """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place; `done()` is called after each.
 
-    Rows k come from `steps` down to 0, and in a row n goes upwards. If nothing depends on time, only the row k = 0 is
-    filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and
-    `sets.repeat` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the
-    target appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
+    Rows k come from `steps` down to 0, and in a row n goes upwards; if nothing depends on time, there is the row 0
+    alone. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and `sets.repeat`
+    is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the target appears
+    late.
     """
     sets.begin()
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
@@ -102,28 +102,9 @@ class InputRows:
     The grid is cut into R rows. A row is all nodes of the last one or more axes. As many axes are joined as the avoid
     tubes allow: each avoid tube depends on all of the joined axes or on none of them, so that in a row it is one value,
     or a row of numbers that other rows of the grid may share.
-
-    Attributes
-    ----------
-    grid : Grid
-    tubes : AvoidTubes
-        Those that were given; only `tubes.moving` is read later, by `add`.
-    last : int
-        How many of the last axes a row joins.
-    size : int
-        Nodes of a row.
-    row_widths : list of int
-        For the static and for the moving avoid tubes: numbers that they have for a row, `size` or 1.
-    static : (L, parts, row_widths[0]) array
-        The static avoid tubes, a view.
-    highest : (L, parts) array
-        The largest value in each part of `static`.
-    static_at, moving_at : (R,) int arrays
-        For each row the part of the static or of the moving avoid tubes that belongs to it.
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
-        """Choose the rows; more axes are joined only up to half of the axes, or up to `LONG` nodes."""
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -131,9 +112,11 @@ class InputRows:
             fits = more <= grid.ndim // 2 or math.prod(grid.shape[-more:]) <= LONG
             if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
+        # joined axes, nodes of a row, and numbers that static and moving avoid tubes have for it
         self.last, self.size = last, math.prod(grid.shape[-last:])
         self.row_widths = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
+        # (L, parts, width), their maxima (L, parts), and each row's part: (R,) int
         self.static = tubes.static.reshape(len(tubes.static), -1, self.row_widths[0])
         self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._part_at(some, last) for some in axes)
@@ -143,11 +126,9 @@ class InputRows:
         return values.reshape(*values.shape[:lead], -1, self.size)
 
     def _part_at(self, axes: Axes, last: int = 1) -> FloatArray:
-        """For each part of the grid, the number of the part of a function that belongs to it: (parts,) int, new.
+        """For each part of the grid, all nodes of its `last` axes, which part of a function of `axes` belongs to it.
 
-        axes : the axes of the grid that the function depends on.
-        last : of how many of the grid's last axes a part has all nodes. Parts of the grid are in C order over its other
-            axes; parts of the function are numbered in C order over those of these that it depends on.
+        (parts,) int; parts of the grid are in C order over its other axes, those of the function over its own of these.
         """
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
@@ -158,13 +139,11 @@ class InputRows:
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
         """Where the kernel `add_inputs` finds reach sets that are given in pieces: `InPieces` without its values.
 
-        The pieces lie one after the other in a flat array. A line of the grid is all nodes of its last axis or, if
-        there is one piece, on all axes, a row. Computed once for each pair of arguments.
-
-        axes : for each piece the axes that it depends on. number : of how many inputs each piece has the functions.
+        The pieces, of a `number` of inputs each, lie one after the other in a flat array.
         """
         if (axes, number) not in self._known_lines:
             last, whole = self.grid.ndim - 1, axes == (tuple(range(self.grid.ndim)),)
+            # a line is all nodes of the last axis or, of one piece on all axes, a row
             nodes = self.size if whole else self.grid.shape[-1]
             at = np.arange(self.grid.size // nodes)[None] if whole else np.stack([self._part_at(some) for some in axes])
             sizes = [self.grid.subgrid(some).size for some in axes]
@@ -182,15 +161,10 @@ class InputRows:
         step: int,
         start: FloatArray,
     ) -> None:
-        """Write the union of `start` and of the reach-avoid sets of some inputs into `tube`, and mark these inputs.
-
-        The value of input j is max(reach_j, avoid_j), and tube = min(start, values of these inputs). The kernel
-        `add_inputs` computes it, in place.
+        """Write tube = min(start, max(reach_j, avoid_j) for these inputs j), and mark those that are <= 0.
 
         tube : (*shape), contiguous, written over.
-        marks : (bytes, *shape) uint8. Bit j % 8 of byte j // 8 says whether the value of input j is <= 0; the bits of
-            these inputs have to be 0 before.
-        reach_sets : level-set functions of the reach sets of successive inputs.
+        marks : (bytes, *shape) uint8, written: bit j % 8 of byte j // 8, which has to be 0 before.
         step : the position of the interval's step in `tubes.moving`.
         start : (*shape), may be `tube` itself.
         """
@@ -238,34 +212,20 @@ class GridMethod(Protocol):
 class GridParts:
     """The parts of a table that one process computes: avoid tubes, goals and entries, each on the whole grid.
 
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    samples : Samples
-        Of the problem, on its own grid; games are played on those `padded`.
-    method : GridMethod
-    empty : callable (shape, dtype) -> array
-        Makes the arrays in which avoid tubes of all inputs are put together.
-    dtype : str
-        Of the values.
-    dangers : dict
-        The avoid games by the name of the array that has their tubes: "avoid_static", the same at all steps, or
-        "avoid_moving".
-    axes : dict
-        By the same names the axes of the grid on which these tubes depend, ascending; () where there is no danger.
+    Games are played on its `samples` when `padded`; `empty` makes the arrays in which avoid tubes are put together.
     """
 
     def __init__(self, problem: ReachAvoidProblem, method: GridMethod, empty: Callable[..., Any] = np.empty) -> None:
-        """The parts of the table of a problem by a method; nothing is computed yet."""
         self.problem, self.samples, self.method, self.empty = problem, Samples(problem), method, empty
         self.dtype: str = method.options.get("dtype", "float32")
         kinds, found = {"avoid_static": False, "avoid_moving": True}, dangers(self.samples.padded)
+        # by the name of the array that has their tubes, and below the axes on which these depend
         self.dangers = {name: [one for one in found if one.moves == moves] for name, moves in kinds.items()}
         self.axes = {name: tuple(sorted({i for one in some for i in one.axes})) for name, some in self.dangers.items()}
 
     @cached_property
     def games(self) -> Any:
-        """The games of the method on the problem's grid with its padding, made once."""
+        """The games of the method on the problem's grid with its padding."""
         return self.method.on(self.samples.padded)
 
     def shape(self, name: str) -> tuple[int, ...]:
@@ -325,14 +285,13 @@ class GridParts:
         marks: FloatArray,
         *some: range,
     ) -> None:
-        """Write an entry (step, within): the least of `before` and max(reach_j, avoid_j) for all inputs j, and marks.
+        """Write an entry, tube = the least of `before` and max(reach_j, avoid_j) for all inputs j, and its marks.
 
         Without a target it is the greatest of `before` and the least of these.
 
-        rows : of the avoid tubes.
         before, after : (*shape), the entries (step, within - 1) and (step + 1, within - 1).
         tube : (*shape), written over.
-        marks : (bytes, nodes) uint8, 0 at first.
+        marks : (bytes, nodes) uint8, written, 0 at first.
         some : the inputs that are meant, for games whose inputs are `apart`; by default all.
         """
         problem, values = self.problem, must_lead_into(self.problem, after)
@@ -347,16 +306,16 @@ class GridParts:
             np.maximum(tube, before, out=tube)
 
     def _reach_sets(self, values: FloatArray, step: int, *some: range) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of inputs for the set {values <= 0} to be in at the end of the interval.
+        """Yield the reach sets of inputs for {values <= 0} at the end of the interval, without padding.
 
-        They are on the grid without padding, and all inputs of one byte of marks come together. With a `Sensing` that
-        has no memory the reach sets are eroded by the box E of the prediction error.
+        All inputs of one byte of marks come together.
         """
         problem, games, inner = self.problem, self.games, self.samples.padded.grid.inner
         if hasattr(games, "grouped_reach_sets"):
             found: Any = games.grouped_reach_sets(values, step, *some)
         else:
             found = in_eights((j, np.asarray(phi)[inner]) for j, phi in games.reach(values, step))
+        # by the box E of the prediction error
         if problem.sensing and not problem.sensing.remembers:
             found = in_eights((j, eroded_by_error(problem, phi)) for j, phi in one_by_one(found))
         yield from found
@@ -365,10 +324,7 @@ class GridParts:
 def bytes_of_entry(parts: GridParts) -> int:
     """Upper estimate of the bytes that the games of a solve take beside its table, and the process itself.
 
-    Intermediate results are `AT_WORK` times a tube on the grid with its padding, or on the wider one on which the ends
-    of an axis are avoided, and as many more as there are inputs while an interval may end early. Velocities that depend
-    on the state are kept for all inputs up to `KEPT` bytes, at each time step if they depend on time. What functions of
-    the problem allocate is not counted.
+    What functions of the problem allocate is not counted.
     """
     problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
     games = parts.samples.padded.grid
@@ -386,7 +342,9 @@ def bytes_of_entry(parts: GridParts) -> int:
             times += math.ceil(2 * float(np.sum(crossed)))
     most = 0
     for grid in (games.wider([(n, n) for n in past]), *(played - {games})):
+        # kept for all inputs up to `KEPT` bytes, at each time step if they depend on time
         velocities = each * grid.ndim * grid.size
+        # as many more as there are inputs while an interval may end early
         arrays = (AT_WORK + count * bool(problem.sensing.jitter)) * item * grid.size
         most = max(most, grid.sampling_bytes + arrays + velocities + min(KEPT, count * times * velocities))
     return PROCESS + most
@@ -425,7 +383,6 @@ class GridSets:
     storable = True
 
     def __init__(self, problem: ReachAvoidProblem, method: GridMethod) -> None:
-        """The sets of a problem by a method; ValueError if the problem has no number of steps. Nothing is solved."""
         _require_steps(problem, method.name)
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         self.parts, self.shared = GridParts(problem, method), 0
@@ -486,14 +443,11 @@ class GridSets:
         return equal_tubes(*(self.tubes[self.place(step, n)] for n in (within, within - 1)))
 
     def repeat(self, step: int, within: int) -> None:
-        """Make the entry (step, within) the same tube as (step, within - 1), with its marks, and count it.
-
-        Later tubes move up by one position, as none of them has been computed yet. Where nothing depends on time, all
-        entries with more steps to go share the tube, too.
-        """
+        """Make the entry (step, within) the same tube as (step, within - 1), with its marks, and count it."""
         self.shared += 1
         if (place := self.place(step, within)) == self.place(step, within - 1):
             return
+        # later tubes move up by one, as none of them has been computed; in one row all entries with more steps share it
         if self.time_invariant:
             np.minimum(self.index, place - 1, out=self.index)
         else:
@@ -510,7 +464,8 @@ class GridSets:
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
         """What a method does when all avoid games have been played, before the first entry with n >= 1: nothing.
 
-        goal : a step's entry (step, 0), (*shape). free : what the games have noted in an attribute of this name.
+        `goal` gives a step's entry (step, 0), (*shape); `free` is what the games have noted in an attribute of this
+        name.
         """
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
@@ -530,11 +485,8 @@ class GridSets:
 
 
 def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
-    """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within).
-
-    If nothing depends on time it is `within`, for every start; else the tubes lie in the order in which they are
-    computed.
-    """
+    """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within)."""
+    # if nothing depends on time `within`, for every start
     start, index = entries(problem.steps).T.copy()
     if not problem.time_invariant:  # one behind the other as they are filled in
         index += (problem.steps - start) * (problem.steps - start + 1) // 2
@@ -547,7 +499,7 @@ def equal_tubes(one: FloatArray, other: FloatArray) -> bool:
 
 
 def tell_of_never_met(problem: ReachAvoidProblem, met: set[int]) -> None:
-    """Warn of the unsafe sets of which no node is in danger; met : the positions in problem.unsafe of all others."""
+    """Warn of the unsafe sets of which no node is in danger, those not at the positions `met`."""
     for position, unsafe_set in enumerate(problem.unsafe):
         if position not in met:
             tell(never_met_finding(unsafe_set))
@@ -568,7 +520,7 @@ def said_of(problem: ReachAvoidProblem, dtype: str) -> str:
 
 
 def _require_steps(problem: ReachAvoidProblem, name: str) -> None:
-    """Raise ValueError, with what to do, where a problem has no number of steps; name : of the method on a grid."""
+    """Raise ValueError, with what to do, where a problem has no number of steps."""
     if problem.steps is None and problem.has_no_target:
         raise ValueError(
             "steps=None asks for ever, and on a grid an error at the boundary adds up from step to step. Use "

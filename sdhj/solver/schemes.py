@@ -110,7 +110,6 @@ class Scheme(Options):
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where one is none of those allowed or the CFL number is not in (0, 1]."""
         for name, allowed in OPTIONS.items():
             option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
@@ -126,10 +125,7 @@ def checked_scheme(scheme: Any) -> None:
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells are crossed along each axis in `duration` s: speed duration / spacing, (ndim,).
-
-    speed : (ndim,), not negative, in the axes' units per s. ValueError where one is above `MOST_STEPS`.
-    """
+    """How many cells are crossed along each axis in `duration` s at a speed (ndim,); ValueError above `MOST_STEPS`."""
     cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
     if max(cells) > MOST_STEPS:
         raise too_fast_error(grid, speed, duration, max(cells), "cells to be crossed")
@@ -137,7 +133,7 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
 
 
 def too_restless_error(delta: float) -> ValueError:
-    """A ValueError, which the caller raises, for velocities that change too fast within an interval of delta s."""
+    """The ValueError, which the caller raises, for velocities that change too fast within an interval of delta s."""
     return ValueError(
         f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
         "shorter delta, or include the vibration in the adversary's bounds"
@@ -146,10 +142,7 @@ def too_restless_error(delta: float) -> ValueError:
 
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
-    """The layout in which kernels read a function on the grid, for differences of some order (1, 2, 3).
-
-    Cached: the same object for the same arguments, to be read only.
-    """
+    """The layout in which kernels read a function on the grid, for differences of some order; not to be written."""
     *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
     ghosts = min(order, STENCIL_RADIUS)
     top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
@@ -187,11 +180,7 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 
 
 def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
-    """A new array of values (*grid.shape) with ghost nodes, as the kernels read them by the layout.
-
-    Ghost nodes lie before and behind those of the last two axes, or of the only one. The result, of `dtype`, has as
-    many axes as the grid.
-    """
+    """A new array of values (*grid.shape) with ghost nodes before and behind those of the last two axes."""
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
     out[:, layout.top : rows - layout.top, g:-g] = values.reshape(planes, layout.rows, n)
@@ -205,10 +194,7 @@ def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> 
 
 
 def _without_ghosts(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
-    """Copy functions without their ghost nodes into the array `out` (count x grid.size numbers, any shape).
-
-    padded : functions as `_with_ghosts` arranges them by the layout, one after the other.
-    """
+    """Copy functions that `_with_ghosts` arranged, one after the other, without ghost nodes to `out`, of any shape."""
     planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
     out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
@@ -219,10 +205,8 @@ def _field(
 ) -> FloatArray:
     """A new array of functions on the grid as the kernels read them: (count, leading..., nodes with ghosts).
 
-    parts : (count, leading..., *grid.shape); or (count, leading...) for functions that are constant, of which the
-        result has one plane of nodes, which kernels read for all planes.
-    leading : how many axes stand between the first axis and those of the grid.
-    dtype : of the result.
+    `parts` are (count, leading..., *grid.shape) with `leading` axes in front; or (count, leading...) for constant
+    functions, of which the result has one plane of nodes, which kernels read for all planes.
     """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
@@ -234,10 +218,7 @@ def _field(
 
 
 def terms_of(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as the kernel `stage` reads them: the flat arrays that `_arranged` returns, not to be modified.
-
-    They are kept in `velocities.terms`, for each layout and dtype, if that is a dict, and not made again.
-    """
+    """Velocities as the kernel `stage` reads them, kept in `velocities.terms` if that is a dict; not to be written."""
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
     key = grid, layout.ghosts, dtype
@@ -275,10 +256,7 @@ def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) ->
 
 
 def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
-    """The function tau -> arrange(given), or tau -> arrange(given(tau)) if `given` is callable.
-
-    `arrange` is called at once in the first case; in the second the last result is kept.
-    """
+    """The function tau -> arrange(given), arranged at once, or tau -> arrange(given(tau)) if `given` is callable."""
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
     arranged = arrange(given)
@@ -295,34 +273,13 @@ def evolve(
     obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
     steps: int | None = None,
 ) -> FloatArray:
-    """Solve d Phi / d tau = H(tau, x, D Phi) from Phi(0) = values on, up to tau = duration.
+    """Solve d Phi / d tau = H(tau, x, D Phi) from Phi(0) = values (*shape) on, up to tau = duration: (*shape), new.
 
-    Phi is kept at least as high as the obstacle and, on a padding, at most `most_on_padding`.
+    At every stage Phi is kept at least as high as the `obstacle`, -g for an avoid game (App. A.3) and, on a padding, at
+    most `most_on_padding`. Velocities and obstacle may be functions of tau, s, which counts back from the interval's
+    end; then `steps` have to be given, else the CFL condition says how many; with 0 the values are returned.
 
-    Parameters
-    ----------
-    grid : Grid
-    values : (shape) array
-        Level-set function at the end of the sampling interval. Not written.
-    velocities : Velocities, or callable tau -> Velocities
-        tau counts back from the interval's end, s.
-    duration : float
-        Length of the interval, s.
-    scheme : Scheme
-    obstacle : (shape) array, or callable tau -> (shape) array, optional
-        Phi is kept above it at every stage: -g for an avoid game (App. A.3).
-    steps : int, optional
-        Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for. With 0
-        the values are returned, at least as high as the obstacle.
-
-    Returns
-    -------
-    (shape) array of the scheme's dtype, new
-
-    Raises
-    ------
-    ValueError
-        Where the CFL condition asks for more than `MOST_STEPS`, or velocities depend on tau and `steps` is not given.
+    ValueError where it asks for more than `MOST_STEPS`.
     """
     if steps is None:
         if callable(velocities):
@@ -331,7 +288,6 @@ def evolve(
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
-        """A grid function (*shape) with ghost nodes, out of danger on the padding, new; for None an array of size 0."""
         return none if g is None else _with_ghosts(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
     terms = _over_time(velocities, lambda one: terms_of(grid, layout, one, scheme.dtype))
@@ -340,7 +296,7 @@ def evolve(
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_padding(grid))
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage, into `out`: keep out + (1 - keep) (source + dt H(source, now)), >= the obstacle at `then`."""
+        # out = keep out + (1 - keep) (source + dt H(source, now)), >= the obstacle at `then`
         stage(source, out, obstacle_at(then), terms(now), order, flux, layout, kind(dt), kind(keep))
         if most.size:
             np.minimum(out, most, out=out)
@@ -366,12 +322,8 @@ def evolve_with_early_end(
 ) -> FloatArray:
     """Solve the equation of `evolve` where the adversary may stop up to `early` s before the end: (*shape), new.
 
-    Phi = max over all durations from duration - early to duration: for the first `early` s of tau, `values` are an
-    obstacle, too.
-
-    early : s, from 0 to `duration`. If it is not 0, velocities and obstacle may not depend on tau.
-    steps : ignored unless `early` is 0.
-    values, velocities, duration, scheme, obstacle : the arguments of `evolve`, which also lists the errors raised.
+    Phi = max over all durations from duration - early to duration. If `early` is not 0, velocities and obstacle may not
+    depend on tau, and `steps` is ignored.
     """
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
         stop = values if obstacle is None else np.maximum(values, obstacle)
@@ -388,11 +340,10 @@ def _integrate(
     steps: int,
     dt: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Phi after `steps` time steps of dt, and an array that is free: phi and work are both overwritten.
+    """Phi after `steps` time steps of dt by `stages`, and an array that is free: phi and work are both overwritten.
 
-    stages : one of `STAGES`.
-    euler : euler(source, out, now, then, keep) writes out = keep out + (1 - keep) (an Euler step of `source` from time
-        `now`); `then` is the time that the result stands for.
+    euler(source, out, now, then, keep) writes out = keep out + (1 - keep) (an Euler step of `source` from time `now`);
+    `then` is the time that the result stands for.
     """
     spare = np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):
