@@ -500,7 +500,7 @@ class HopfLaxGames(_OnAxes):
         )
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """As `_OnAxes.tubes`: the maximum of -g over all that the state may reach, a piece of the interval at a time."""
+        """As `_OnAxes.tubes`: the maximum of -g over all that the state may reach, one piece of time after another."""
         tubes = self.no_tubes(obstacle, out)
         for some in self._tube_maxima(obstacle, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
@@ -537,5 +537,5 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def pieces(self, axes: list[int]) -> int:
-        """Into how many pieces the interval is cut: in each the state moves at most a quarter of a cell on each axis."""
+        """Into how many pieces the interval is cut, in each of which the state moves at most a quarter of a cell."""
         return max(1, int(np.ceil(self.cells[axes].max() * 4)))
