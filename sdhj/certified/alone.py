@@ -24,20 +24,16 @@ Displacement = tuple[tuple[Fraction, Fraction], ...]  # the least and the greate
 def axes_alone(problem: ReachAvoidProblem) -> list[int]:
     """The target's axes, if these are a problem of their own and not all axes of the grid; else [].
 
-    The target's axes are a problem of their own where the velocity along each of them depends on the input and the
-    disturbance alone (`is_steady`). A problem without a target has none: [].
+    So they are where the velocity along each depends on the input and the disturbance alone (`is_steady`).
     """
     own = [] if problem.has_no_target else list(problem.target.axes)
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
 
 def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
-    """The share of the states, from 0 to 1, that are proved to reach the target within `steps` steps by its axes alone.
+    """The share of the states at step 0 that are proved to reach the target within `steps` steps by its axes alone.
 
-    The states start at step 0. Unsafe sets and all other axes are left out: the recursion is that of Theorem 2 with
-    nothing unsafe. Without `Sensing` a cell counts as well if in its last interval it is led into the target itself.
-
-    axes : the cells of each of the axes that `axes_alone` returns, in that order; there must be some.
+    `axes` are the cells of `axes_alone`. The recursion is that of Theorem 2 with nothing unsafe.
     """
     moves = list(dict.fromkeys(_displacement(problem, j) for j in range(len(problem.inputs))))
     bounds, still = Bounds(problem), ((Fraction(0), Fraction(0)),) * len(axes)
@@ -47,6 +43,7 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
     for step in range(steps):
         later = sets[1:] or sets
         some = [now | _cells_leading_into(axes, moves, then) for now, then in zip(sets, later, strict=False)]
+        # cells that are led into the target itself in the last interval count as well
         if step == 0 and not problem.sensing:  # with `Sensing` nobody arrives but by cells
             for now, t in zip(some, times[1:] or times, strict=True):
                 for move in moves:
@@ -61,13 +58,7 @@ def _displacement(problem: ReachAvoidProblem, j: int) -> Displacement:
 
 
 def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: float) -> FloatArray:
-    """Whether each cell, with its lower and upper ends displaced by `move`, is proved to lie in the target at time t.
-
-    Returns bool of shape (*counts), the numbers of cells of each of `axes`. False where it is not proved.
-
-    bounds : of the problem. move : the least and the greatest displacement along each axis; zeros for the cells
-    themselves. t : in s.
-    """
+    """Whether each cell, its ends displaced by `move`, is proved to lie in the target at time t: bool (*counts)."""
     edges = [axis.edges() for axis in axes]
     sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]
     sides += [[own[1:] + float(ahead) for own, (_, ahead) in zip(edges, move, strict=True)]]
@@ -78,8 +69,6 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: 
 
 def _cells_leading_into(axes: Sequence[CellAxis], moves: Sequence[Displacement], inside: FloatArray) -> FloatArray:
     """Which cells at least one of `moves` leads into the set `inside`: bool (*counts), as `inside` is.
-
-    axes : the cells of each axis. moves : the displacements by each input, along each of these axes; at least one.
 
     The image of a cell, rounded out to whole cells, has to lie in the set. As an image is a product over the axes, the
     set is eroded along one axis after the other.

@@ -31,11 +31,8 @@ def sites_of(
 ) -> tuple[FloatArray, tuple[int, int, int]]:
     """The strides of sites, (ndim,) int64, and the shape (starts, sites, bytes) of the array `GeneralProof.arrives`.
 
-    A cell is at the site sum(cell * strides). starts is 1 where neither the dynamics nor the target depends on time,
-    else N; bytes hold one bit for each input. Strides and shape are 0 where images are judged by cells alone: without a
-    target, or with `Sensing`.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
+    A cell is at the site sum(cell * strides); all is 0 where images are judged by cells alone, without a target or with
+    `Sensing`. `depends` (ndim,) are the axes of a place.
     """
     strides = np.zeros(len(axes), np.int64)
     if problem.has_no_target or problem.sensing:
@@ -55,7 +52,6 @@ class Arrivals:
     """
 
     def __init__(self, proof: Any) -> None:
-        """Keep the `GeneralProof` that is being prepared, whose array `arrives` is all zeros until `add` is called."""
         self.proof, self.near = proof, dict[int, FloatArray]()
         starts, count, *_ = proof.low.shape
         self.most = max(MOST_PIECES // (max(starts, len(proof.arrives)) * count), 1 << 12)
@@ -63,11 +59,6 @@ class Arrivals:
     def add(self, start: int, j: int, places: FloatArray, last: FloatArray) -> None:
         """Set the bit of u_j in `proof.arrives`, in place, at each site of places (M,) that u_j leads into the target.
 
-        Does nothing where images are judged by cells alone.
-
-        start : the index of the interval in `proof.low` and `proof.high`; 0 where one image serves all steps, which are
-            then all marked.
-        places : their numbers, whose moves are already in the proof.
         last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the end of the interval.
         """
         arrives, proof = self.proof.arrives, self.proof
@@ -77,18 +68,15 @@ class Arrivals:
         each = max(SITES_AT_ONCE // math.prod(proof.axes[axis].count for axis in free), 1)
         for begin in range(0, len(places), each):
             some = slice(begin, begin + each)
+            # where one image serves all steps, all are marked
             for step in range(len(arrives)) if len(proof.low) == 1 else (start,):
                 self._mark(step, start, j, places[some], last[some], free)
 
     def _mark(self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]) -> None:
         """Set the bit of u_j in `proof.arrives`, in place, for places (M,) and the interval from one step.
 
-        A bit is set where all of the image, with twice the shell around it, is proved to be inside the target at the
-        interval's end.
-
-        step : k of that interval. start : its index in `proof.low` and `proof.high`.
-        last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the interval's end.
-        free : those of the target's axes that no place depends on; along these every cell is asked about.
+        It is set where all of the image, with twice the shell around it, is proved to be inside the target at the
+        interval's end; along the `free` axes, of the target and of no place, every cell is asked about.
         """
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)
         own, near = proof.cells_at(places), self._near(step)
@@ -109,11 +97,9 @@ class Arrivals:
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _along(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
-        """The indices along one axis of the cells `own` (M, ndim), each moved on by `by` (M,).
+        """The indices along one axis of the cells `own` (M, ndim), moved on by `by` (M,): broadcasts to (M, *free).
 
-        Returns int64 that broadcasts to (M, *free). Along an axis in `free` the index in `own` counts as 0, and the
-        result has one entry for every cell of the axis. On a periodic axis indices go around, on others they are
-        clipped to the first and the last cell.
+        Along an axis in `free` the index in `own` counts as 0, and the result has one entry for every cell of the axis.
         """
         cells, shape = self.proof.axes[axis], [-1] + [1] * len(free)
         at = (own[:, axis] + by).reshape(shape)
@@ -123,10 +109,7 @@ class Arrivals:
         return at % cells.count if cells.periodic else np.clip(at, 0, cells.count - 1)
 
     def _near(self, step: int) -> FloatArray:
-        """Which cells of the target's axes may meet the target at the end of the interval from `step`: bool (*counts).
-
-        Only the answer for the latest step is kept.
-        """
+        """Which cells of the target's axes may meet the target at the end of the interval from `step`: (*counts)."""
         if step not in self.near:
             target, t = self.proof.problem.target, self.proof.problem.time(step + 1)
             shape = [self.proof.axes[axis].count for axis in target.axes]

@@ -31,17 +31,13 @@ class Bounds:
     """Bounds on the velocity and on the level-set functions of a problem, over boxes of states and intervals of time.
 
     Only the part of a box that is on the grid counts. Bounds are infinite where a function may be undefined; ValueError
-    from any method where a black box declares too little.
+    from any method where a black box declares too little. Boxes are given by their corners, `low` and `high`.
     """
 
     problem: ReachAvoidProblem
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """The least and the greatest velocity under u_j for states in boxes from low to high, (M, ndim) each.
-
-        Returns (2, M, ndim), for all times from t0 to t1, s; infinite where no bound is known. Only the part of a box
-        that is on the grid counts.
-        """
+        """The least and the greatest velocity under u_j in boxes (M, ndim) from time t0 to t1, s: (2, M, ndim)."""
         dynamics, grid = self.problem.dynamics, self.problem.grid
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1)))
 
@@ -50,26 +46,21 @@ class Bounds:
     ) -> FloatArray:
         """A bound from below (side 0) or from above (side 1) on the velocity along one axis in boxes (M, ndim): (M,).
 
-        It is the entry [side, :, axis] of `velocity`: it holds for all times from t0 to t1, s, and is infinite where no
-        bound is known. Where the dynamics are formulas of drift and gain, the other components are not computed, which
-        is faster.
+        It is the entry [side, :, axis] of `velocity`.
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         if not dynamics.formulas or dynamics.gain is None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
+        # without the other components this is faster
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def bounds_of_level_set(
         self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float, function: Any = None
     ) -> FloatArray:
-        """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
+        """Lower and upper bounds of a set's level-set function over boxes (M, axes) of its axes, t0 to t1: (2, M).
 
-        They hold for all times from t0 to t1, s, in the part of each box that is on the grid, and are infinite where
-        the function may be undefined. ValueError where a black box does not declare enough for bounds.
-
-        part : the set. low, high : the corners of the boxes, (M, axes) each.
-        function : a formula or a black box of the set's axes that is bounded in place of its level-set function.
+        A `function` of these axes is bounded in place of it.
         """
         bounded = (function or part.level_set).bounds_by_branch
         return within_grid(self.problem.grid, part.axes, low, high, lambda a, b: bounded(a, b, (t0, t1)))
@@ -86,20 +77,15 @@ class Bounds:
     ) -> FloatArray:
         """The sign that a level-set function has in all of a box at all times: 1 where > 0, -1 where <= 0, else 0.
 
-        Returns int8 of shape (n1, n2, ...), for the boxes that are products of n1 intervals along the first of the
-        set's axes, n2 along the second, and so on. Tiles of many boxes are bounded first, and a single box only where
-        its tile leaves the sign open. 0 means that the function has both signs, or that nothing is proved.
-
-        low, high : for each axis of the set the lower and the upper ends of its intervals, at least one, ascending.
-        times : the least and the greatest time, s.
-        halvings : how often a box of open sign is cut in two along each axis, at most, and as long as the pieces of all
-            such boxes are no more than `MOST_HALVES`.
-        asked : bool of that shape, the boxes that are bounded one by one; any other box has the sign of its tile.
-        function : as for `bounds_of_level_set`.
+        Returns int8 (n1, n2, ...), for the boxes that are products of n1 intervals `low` to `high` along the first of
+        the set's axes, n2 along the second, and so on, ascending. 0 means that the function has both signs, or that
+        nothing is proved. A box of open sign is cut in two along each axis, `halvings` times at most; one that is not
+        `asked` has the sign of its tile.
         """
         level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
+        # tiles of many boxes first, single boxes where these are open
         out = np.empty([ends.size for ends in last], np.int8)
         for at, lower, upper in _boxes_in_batches(np.arange(out.size), [ends[::side] for ends in low], last):
             out.ravel()[at] = _sign(level(lower, upper))
@@ -118,17 +104,9 @@ class Bounds:
         halvings: int = 0,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """In which boxes a set's level-set function is proved > 0 everywhere and at all times.
-
-        Returns bool of the shape that `signs` has. The function may be the least of several: these are asked one after
-        the other, each only where all before it are > 0.
-
-        low, high : for each axis of the set the lower and the upper ends of its intervals, at least one, ascending.
-        times : the least and the greatest time, s.
-        halvings : how often a box of open sign is cut in two along each axis, at most (`Bounds.signs`).
-        asked : bool of that shape, the boxes that are asked about; False is returned for all others.
-        """
+        """In which of the boxes of `signs` a set's level-set function is proved > 0 everywhere, at all times: bool."""
         out = np.ones([ends.size for ends in low], np.bool_) & asked
+        # each is asked where all before it are > 0
         for one in part.level_set.operands_of_min:
             out &= self.signs(part, low, high, times, halvings, out, one) > 0
         return out
@@ -146,8 +124,6 @@ class Bounds:
 
         A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
         are no more than `most`. A box that is still open then is False.
-
-        part : the set. low, high : the corners of the boxes on its axes. times : the least and the greatest.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -173,10 +149,7 @@ class Bounds:
     def _sticking_out(
         self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, times: tuple[float, float]
     ) -> FloatArray:
-        """Whether a level-set function is proved > 0 at some corner of each box (M, axes), at all times: (M,) bool.
-
-        part : the set. low, high : the corners of the boxes on its axes. times : the least and the greatest, s.
-        """
+        """Whether a level-set function is proved > 0 at some corner of each box (M, axes), at all times: (M,) bool."""
         out = np.zeros(len(low), np.bool_)
         for upper in itertools.product((False, True), repeat=low.shape[1]):
             left = np.flatnonzero(~out)
@@ -189,12 +162,10 @@ class Bounds:
 def _sign_by_halving(
     level: Callable[[FloatArray, FloatArray], FloatArray], low: FloatArray, high: FloatArray, halvings: int, most: int
 ) -> FloatArray:
-    """The sign of a function in each box (M, axes): 1 where > 0, -1 where <= 0, else 0; (M,) int8.
+    """The sign of a function in each box (M, axes), `level` being its bounds: 1 where > 0, -1 where <= 0, else 0; (M,).
 
     A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together are no
     more than `most`.
-
-    level : bounds (2, M) of the function over boxes from low to high, (M, axes) each, the corners.
     """
     if not halvings:
         return _sign(level(low, high))
@@ -226,7 +197,7 @@ def _boxes_in_batches(
     """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other.
 
     at (m,) is the run, lower and upper (m, axes) are the corners of the boxes with these numbers, of the product of the
-    intervals from low[k] to high[k] along each axis. None is yielded if there are no places.
+    intervals from low[k] to high[k] along each axis.
     """
     sizes = np.array([ends.size for ends in low])
     ends = np.zeros((2, len(low), sizes.max()))
@@ -239,14 +210,10 @@ def _boxes_in_batches(
 
 
 def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
-    """The least and the greatest values of a function over those parts of boxes (M, axes) that are on the grid.
+    """The least and the greatest values of a function over the parts of boxes (M, axes) on the grid: (2, M, ...).
 
-    Returns (2, M, ...). Boxes are cut at the ends of bounded axes and where a periodic axis closes, and of the pieces
-    of a box the extremes are taken.
-
-    axes : the axes of the grid that the boxes have, in that order.
-    bounded : called with the lower and the upper corners (n, axes) of pieces; returns least and greatest values, (n,
-        ...) each.
+    Boxes are cut at the ends of bounded axes and where a periodic axis closes, and of the pieces of a box the extremes
+    are taken.
     """
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]

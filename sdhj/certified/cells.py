@@ -59,10 +59,7 @@ def as_fraction(value: float) -> Fraction:
 
 
 def as_rounded_fraction(value: float) -> Fraction:
-    """As `as_fraction`, but the decimal may hold to twelve digits only: 0.6000000000000001 is read as six tenths.
-
-    Such a decimal has at most `FEW_DIGITS` digits.
-    """
+    """As `as_fraction`, but the decimal may hold to twelve digits only: 0.6000000000000001 is read as six tenths."""
     short = _decimal(float(value), "", EXACT_DIGITS)
     return short or _decimal(float(value), ".12g", FEW_DIGITS) or Fraction(value)
 
@@ -71,10 +68,7 @@ def as_rounded_fraction(value: float) -> Fraction:
 def _decimal(value: float, form: str, most: int) -> Fraction | None:
     """The decimal, times a power of two, of fewest digits that a number is written as; None for more than `most`.
 
-    form : how the digits are written, a format of `format`; "" writes all of them, ".12g" twelve.
-
-    With all digits written the decimal is off the number by at most half a unit in the last place, with twelve by 5e-13
-    of it.
+    In the `form` "" it is off the number by at most half a unit in the last place, in ".12g" by 5e-13 of it.
     """
     part, power = math.frexp(value)
     tried = [(value, 0), *((math.ldexp(part, by), power - by) for by in POWERS)]
@@ -102,23 +96,17 @@ class CellAxis:
 
     Cell i is [lower + i * width, lower + (i + 1) * width]. There may be a layer, a cell of no width, before the first
     and behind the last of these cells; layers count as cells and have indices, so with one at the lower end this is
-    cell i + 1.
-
-    lower : the lower end of the axis, in its unit, as `extent` and `width` are.
-    extent : the least and the greatest that the length of the axis may be; equal on a bounded axis, while a period may
-        be known up to an interval only.
-    width : of the cells. periodic : whether the axis is.
-    layers : how many there are at the lower and at the upper end, 0 or 1.
+    cell i + 1. ValueError where the last cell would be narrower than what is not known of the period.
     """
 
     lower: Fraction
+    # the least and the greatest length of the axis; a period may be known up to an interval only
     extent: tuple[Fraction, Fraction]
     width: Fraction
     periodic: bool
-    layers: tuple[int, int] = (0, 0)
+    layers: tuple[int, int] = (0, 0)  # how many there are at the lower and at the upper end, 0 or 1
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the last cell would be narrower than what is not known of the period."""
         if (self.count - sum(self.layers) - 1) * self.width >= self.extent[0]:
             raise ValueError(
                 "the last cell is narrower than the doubt about the period; choose another number of cells"
@@ -126,14 +114,12 @@ class CellAxis:
 
     @cached_property
     def count(self) -> int:
-        """The number of cells, layers among them; computed once, as the choice of cells asks 70,000 times for it."""
+        """The number of cells, layers among them; kept, as the choice of cells asks 70,000 times for it."""
         return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
     def last_is_narrower(self) -> bool:
-        """Whether an axis is periodic and its last cell is narrower than the others, by more than `DRIFT` of the scale;
-        computed once, as `count` is.
-        """
+        """Whether the last cell of a periodic axis is narrower than the others, by more than `DRIFT` of the scale."""
         return self.periodic and abs(float(self.count * self.width - self.extent[1])) > DRIFT * self.scale
 
     @cached_property
@@ -142,7 +128,7 @@ class CellAxis:
         return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
 
     def edges(self) -> NDArray[np.float64]:
-        """The ends of the cells, ascending, (count + 1,), each as the nearest float; read-only, computed once."""
+        """The ends of the cells, ascending, (count + 1,), each as the nearest float; read-only."""
         return _edges(self)
 
     def shares(self) -> NDArray[np.float64]:
@@ -154,13 +140,10 @@ class CellAxis:
         return lengths / lengths.sum()
 
     def image(self, back: Fraction, ahead: Fraction) -> tuple[IndexArray, IndexArray]:
-        """The cells that everything in each cell may be in after a displacement in [back, ahead], in the axis's unit.
+        """The cells that everything in each cell may be in after a displacement in [back, ahead]: two (count,) int64.
 
-        Returns
-        -------
-        first, number : (count,) int64
-            The image of cell i lies in the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`.
-            On a bounded axis it is clipped to the first and the last cell.
+        Of cell i first[i] to first[i] + number[i] - 1, modulo `count`; on a bounded axis clipped to the first and the
+        last.
         """
         cell = np.arange(self.count)
         first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))
@@ -169,16 +152,12 @@ class CellAxis:
         return first % self.count, np.minimum(last - first + 1, self.count)
 
     def moved(self, cell: IndexArray, low: Any, high: Any, known: bool) -> tuple[IndexArray, IndexArray]:
-        """The first and the last cell that a cell overlaps after its ends have moved, as offsets from the cell.
+        """The first and the last cell that each cell (M,) overlaps after its ends have moved by low and high, as
+        offsets.
 
-        Returns two (M,) int64. What sticks out of a cell by no more than `DRIFT` of the scale counts as inside it. Not
-        clipped at the ends of the axis, unless there are layers. Offsets beyond `UNCOUNTABLE` are clipped to it, and
-        undefined ones are `UNCOUNTABLE`.
-
-        cell (M,) : the indices of the cells.
-        low, high : how far the lower and the upper ends have moved, in the axis's unit: (M,), or a number for all.
-        known : False if the answer is to hold for any cell of full width, wherever it is; `cell` is then not read,
-            unless there are layers.
+        What sticks out of a cell by no more than `DRIFT` of the scale counts as inside it. Offsets are not clipped at
+        the ends of the axis, unless there are layers, but to `UNCOUNTABLE`, which undefined ones are. Where the cell is
+        not `known`, the answer is that for any cell of full width.
         """
         width, drift = float(self.width), DRIFT * self.scale
         if any(self.layers):
@@ -194,14 +173,9 @@ class CellAxis:
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
     def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
-        """`moved` on an axis with layers: the first and the last cell that each cell then overlaps, as offsets.
+        """`moved` on an axis with layers; low and high are larger and smaller by what may stick out of a cell.
 
-        Two (M,) int64. An image is in the layer at a wall where all of it is held at that wall; no other image overlaps
-        a layer.
-
-        cell (M,) : the indices of the cells, layers among them.
-        low, high : how far the lower and the upper ends have moved, as for `CellAxis.moved`, but low is larger and high
-            smaller by what may stick out of a cell, `DRIFT` of the scale.
+        An image is in the layer at a wall where all of it is held at that wall; no other image overlaps a layer.
         """
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
@@ -222,18 +196,14 @@ def _counted(cells: NDArray[np.float64]) -> IndexArray:
 
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
-    """The ends of the cells of an axis, ascending, (count + 1,), read-only; a layer has width 0. Cached."""
+    """The ends of the cells of an axis, ascending, (count + 1,), read-only; a layer has width 0."""
     (lower, upper), end = axis.layers, float(axis.lower + sum(axis.extent) / 2)
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count - lower - upper)]
     return read_only(np.array([*inner[:lower], *inner, end, *[end] * upper]))
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0, 0)) -> CellAxis:
-    """The cells of this width on an axis of a grid; ValueError as from `CellAxis`, of a periodic axis.
-
-    axis : its number. width : positive, in the axis's unit. layers : how many there are at the lower and the upper end;
-    not checked to be at walls.
-    """
+    """The cells of this width on an axis of a grid; ValueError as from `CellAxis`, of a periodic axis."""
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
     extent = period_bounds(lower, upper) if periodic else (as_fraction(upper) - as_fraction(lower),) * 2
     return CellAxis(as_fraction(lower), extent, width, periodic, layers)
@@ -245,22 +215,15 @@ def sees_walls(problem: ReachAvoidProblem) -> bool:
 
 
 def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
-    """The numbers of layers at both ends of an axis: 1 at a wall if some velocity depends on this coordinate.
-
-    (lower, upper), 0 at ends that are no walls, and everywhere if nobody can know that a state is at the wall:
-    measurements err or come late, and the controller does not remember.
-    """
+    """The numbers of layers (lower, upper) of an axis: 1 at a wall if a velocity depends on this coordinate."""
+    # else nobody can know that a state is at the wall
     known = (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any()
     lower, upper = (int(known and holds) for holds in problem.grid.ends_where("holds")[:, axis])
     return lower, upper
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
-    """The cells of an axis of a grid as a file states them.
-
-    axis : its number.
-    width : of a cell, a text such as "1/3". count : the number of cells, layers among them. layers : the numbers of
-        layers at both ends. None of these is checked yet, and each may be anything.
+    """The cells of an axis of a grid as a file states them, which may be anything.
 
     ValueError where the cells do not cover the axis, are more than `MOST_CELLS`, or have a layer at an end that is no
     wall.
@@ -283,13 +246,9 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
 
 
 def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> Cells:
-    """The cells of all axes as arrays for compiled code.
+    """The cells of all axes as arrays for compiled code, those of all but `rows` leading axes packed into bits.
 
     A layer is there a cell of full width outside the wall, so states at the wall are on its border.
-
-    axes : the cells of each axis. rows : how many leading axes number the blocks; the cells of the others are packed
-        into bits.
-    wall_known : whether only a point that says so is in a layer (`Cells.wall_known`).
     """
     return Cells(
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
@@ -306,8 +265,7 @@ def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> C
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     """Whether the velocity along an axis depends on the input and the disturbance alone, as `moved_bounds` needs it.
 
-    True of every axis of constant dynamics. With `Sensing`, and other dynamics, it is False unless the controller
-    remembers; with black boxes it is always False.
+    True of every axis of constant dynamics.
     """
     dynamics = problem.dynamics
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
@@ -319,15 +277,13 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     """The least and the greatest velocity along one axis under input j; only for an axis that `is_steady`.
 
-    Of constant dynamics drift -+ sum |gain| bounds, exactly, of the numbers as `as_rounded_fraction` reads them. Of
-    others the bounds that its formulas have, which are rounded, as `as_rounded_fraction` reads these. Computed once for
-    each axis and input, and remembered by the problem.
+    Of constant dynamics drift -+ sum |gain| bounds, exactly, of the numbers as `as_rounded_fraction` reads them; of
+    others its reading of the bounds that formulas have.
     """
     return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
 
 
 def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """What `velocity_bounds` returns for this axis and input j, computed anew; not checked to be steady."""
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]
@@ -342,8 +298,7 @@ def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fra
 def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
     """E along one axis, how far a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
 
-    Only for constant dynamics; slow and fast are the least and the greatest velocity under any one input, whose
-    difference is the same for all inputs.
+    Only for constant dynamics; slow and fast are the least and the greatest velocity under any one input.
     """
     if not problem.sensing:
         return Fraction(0)
@@ -353,11 +308,10 @@ def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """The least and the greatest displacement of a prediction along one axis in an interval under input j.
+    """The least and the greatest displacement of a prediction along a steady axis in an interval under input j.
 
-    Exact as far as `velocity_bounds` is. It is velocity times any length that the interval may have, widened by 2 E:
-    from the prediction at the interval's begin to the one at its end. For a controller that remembers it is not
-    widened: there the next point is the one that is carried on. Only for an axis that `is_steady`.
+    Velocity times any length that the interval may have, widened by 2 E: from the prediction at the begin to the one at
+    the end. For a controller that remembers the next point is the one that is carried on, and nothing is widened.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * prediction_error_along(problem, axis)
@@ -373,16 +327,12 @@ def common_measure(lengths: Sequence[Fraction]) -> Fraction:
 
 
 def aligned_width(extent: Fraction, measure: Fraction, wish: int) -> Fraction:
-    """A cell width that divides a length, `measure`, for about `wish` cells on an axis of length `extent`.
-
-    It is extent / wish where the length is 0, or where the largest width that divides it would make more than twice the
-    cells wished for: this is sound as well, but every image is rounded out to whole cells.
-
-    wish : at least 1.
-    """
+    """A cell width that divides a length, `measure`, for about `wish` >= 1 cells on an axis of length `extent`."""
     if not measure:
         return extent / wish
     parts = round(measure * wish / extent)
+    # the largest width that divides it would make more than twice the cells; this is sound as well, but every image is
+    # rounded out to whole cells
     if parts < 1 and measure * wish * 2 < extent:
         return extent / wish
     return measure / max(parts, 1)
@@ -397,7 +347,7 @@ def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]
     """The cells of one axis, with its layers, for each of `wishes`, about how many there are to be, each at least 1.
 
     Where the axis `is_steady`, widths divide what inputs and disturbance move a state by in an interval and, unless it
-    is periodic, the axis, as far as `aligned_width` can; else they are extent / wish as near as the axis allows.
+    is periodic, the axis, as far as `aligned_width` can.
     """
     grid, layers, moves = problem.grid, layers_of(problem, axis), set()
     single = axis_of(grid, axis, 2 * Fraction(grid.upper[axis] - grid.lower[axis]), layers)  # a cell that is too wide

@@ -17,16 +17,12 @@ from sdhj.problem.problem import ReachAvoidProblem
 
 
 class Dangers(NamedTuple):
-    """The unsafe sets and unsafe ends that are asked about for cells of the same axes.
+    """The unsafe sets and unsafe ends that are asked about for cells of the same axes."""
 
-    axes : ascending. sets : the numbers of the unsafe sets. ends : the axes whose unsafe ends these are.
-    moving : whether anything depends on the time, so that there are bits for each step.
-    """
-
-    axes: tuple[int, ...]
-    sets: tuple[int, ...]
-    ends: tuple[int, ...]
-    moving: bool
+    axes: tuple[int, ...]  # ascending
+    sets: tuple[int, ...]  # numbers of unsafe sets
+    ends: tuple[int, ...]  # axes whose unsafe ends these are
+    moving: bool  # whether anything depends on the time, so that there are bits for each step
 
     @property
     def entry_in_head(self) -> dict[str, Any]:
@@ -40,15 +36,11 @@ class Dangers(NamedTuple):
 
 
 def dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
-    """All dangers of a problem, those of different axes apart; the axes are those that the checker asks for.
-
-    Remembered by the problem.
-    """
+    """All dangers of a problem, those of different axes apart; the axes are those that the checker asks for."""
     return problem.remembered("dangers of cells", lambda: _dangers_of(problem))
 
 
 def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
-    """What `dangers_of` returns, found anew."""
     grid, dynamics, found = problem.grid, problem.dynamics, dict[tuple[int, ...], list[list[int]]]()
     reads = np.array(dynamics.reads) | (not dynamics.formulas)
     if isinstance(dynamics.gain, Formula):  # the checker counts what is read for a push of 0, too
@@ -56,7 +48,7 @@ def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
     frees, fails = (np.flatnonzero(grid.ends_where(fate).any(axis=0)).tolist() for fate in ("frees", "fails"))
 
     def among(axes: Sequence[int]) -> list[list[int]]:
-        """The numbers of sets and ends that are asked about where some axes are, and all that these depend on."""
+        # where some axes are, and all that these depend on
         own = {*axes, *frees}
         while more := {int(k) for i in own for k in np.flatnonzero(reads[i])} - own:
             own |= more

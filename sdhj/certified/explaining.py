@@ -39,10 +39,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails.
 
     The state's cell is explained or, with sensing, a cell that the state may be measured in and that is not certified.
-    A `within` of None, or above N - step, counts as N - step. Returns an `Explanation`. ValueError if q, step or within
-    does not fit. For the first such state of a table the problem is solved on few nodes (`on_few_nodes`).
-
-    table : the `CertifiedTable`.
+    ValueError if q, step or within does not fit.
     """
     problem, step = table.problem, whole("step", step, least=0, most=table.steps)
     step, within = table.clipped(step, within)
@@ -72,14 +69,12 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 
 
 def on_few_nodes(table: Any) -> Any:
-    """The table of the same problem and steps by `HJI` on few nodes, as many along an axis as cells suggest; or None.
-
-    None where that is refused, as of some black boxes. Warnings and findings are dropped.
-    """
+    """The table of the same problem and steps by `HJI` on few nodes, shared out as cells are; or None."""
     problem, cells = table.problem, np.array(table.shape)
     tubes = table.steps if problem.time_invariant else table.steps * (table.steps + 1) // 2
     few = min(FEW_NODES, WORK / (len(problem.inputs) * max(tubes, 1)))
     nodes = np.maximum(np.round(cells * min((few / cells.prod()) ** (1 / len(cells)), FINER)), FEWEST_NODES) + 1
+    # some black boxes are refused; nobody asked for what this solve finds
     with warnings.catch_warnings(), findings(), suppress(ValueError, MemoryError):
         warnings.simplefilter("ignore")
         grid: Any = replace(problem.grid, shape=tuple(nodes.astype(int).tolist()))
@@ -91,16 +86,14 @@ def on_few_nodes(table: Any) -> Any:
 
 
 def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tuple[tuple[str, ...], list[str]]:
-    """What keeps a state (1, ndim) out of the tube (step, within), as `Explanation.causes`, and what may help: texts.
-
-    A state that the grid lacks may be in finer tubes where the grid has something within a node of it.
-    """
+    """What keeps a state (1, ndim) out of a tube, as `Explanation.causes`, and what may help: texts."""
     grid = table.on_few_nodes
     if grid is None:
         return (), [UNKNOWN, *for_ever(table)]
     space, asked = grid.problem.grid, {"start": step, "within": within}
     if grid.contains(state, **asked)[0]:
         return ("creep" if table.problem.has_no_target else "rounding",), [MORE_CELLS, *for_ever(table)]
+    # a state that the grid lacks may be in finer tubes where the grid has something within a node
     around = state + np.array(list(itertools.product((-1, 0, 1), repeat=space.ndim))) * space.spacing
     near = grid.contains(np.clip(space.wrapped(around), space.lower, space.upper), **asked).any()
     return (), [UNDECIDED if near else BEYOND, *for_ever(table)]
@@ -109,9 +102,8 @@ def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tup
 def scanty_finding(table: Any) -> Finding | None:
     """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
 
-    Next to nothing is at most the share `SCANTY` of the state space, and either no more than the target's share or less
-    than a tenth of what `HJI` claims on few nodes (`on_few_nodes`), on which the problem is then solved. The target's
-    share is that of `SCANTY_STATES` random states, of a fixed seed. table : the `CertifiedTable`.
+    Next to nothing is at most the share `SCANTY`, and either no more than the target's share or less than a tenth of
+    what `HJI` claims on few nodes, on which the problem is then solved.
     """
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
@@ -162,13 +154,11 @@ def for_ever(table: Any) -> list[str]:
 
 
 def left_out(problem: ReachAvoidProblem) -> list[str]:
-    """Advice, for each axis that no velocity and no unsafe set reads, to leave it out, with what that gives up.
-
-    Only of problems of three axes or more without a target, where enough is left to be kept.
-    """
+    """Advice, for each axis that no velocity and no unsafe set reads, to leave it out, with what that gives up."""
     grid, out = problem.grid, []
     read: Any = problem.dynamics.reads.any(axis=0)
     fails = grid.ends_where("fails")
+    # where enough is left to be kept
     for axis in range(grid.ndim) if grid.ndim > 2 and problem.has_no_target else ():
         if not read[axis] and fails[:, axis].any() and all(axis not in part.axes for part in problem.unsafe):
             name, between = grid.names[axis], f"{grid.lower[axis]:g} and {grid.upper[axis]:g}"
@@ -182,10 +172,6 @@ class _Cell:
     """One cell that is not certified: by how much each input fails to lead it on safely, and what would help."""
 
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
-        """Look at the cell (ndim,), indices, of a state (ndim,), with `within` >= 1 steps to go from a step.
-
-        table : the `CertifiedTable`. step : before the last. Velocities are bounded anew, for boxes as they are.
-        """
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
         self.within = within
@@ -200,13 +186,10 @@ class _Cell:
         self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
 
     def explained(self, says: str, causes: tuple[str, ...], helps: list[str]) -> Explanation:
-        """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice.
-
-        Failures of inputs whose tube is clear come first, each kind sorted by how much is missing. causes, helps : what
-        is known besides (`what_keeps_out`).
-        """
+        """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice."""
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.image_failure(j) if clear[j] else self.collision_failure(j) for j in range(len(clear))]
+        # those whose tube is clear come first
         failures.sort(key=lambda one: (one.by not in COVER, -one.short))
         return Explanation(False, says, tuple(failures), (*helps, *self.helps(failures[0])), causes)
 
@@ -215,8 +198,8 @@ class _Cell:
     def image_failure(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube is clear: which cells of its image are not certified.
 
-        `Failure.short` is minus the share of the image's cells that are not; it is 0, and `Failure.by` empty, where all
-        are certified. `by` is "rounding" where the state alone leads to certified cells only, else "image".
+        `Failure.short` is minus their share of the image; `by` is "rounding" where the state alone leads to certified
+        cells only, else "image", and empty where all are certified.
         """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         counts, lost = self.table.cells.counts, cells[missing]
@@ -240,10 +223,9 @@ class _Cell:
         return not self.covering(low, np.maximum(np.ceil(end).astype(np.int64) - 1, low))[1].any()
 
     def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The cells (M, ndim) of the box from low to high (ndim,), inclusive, and which are not certified: (M,) bool.
+        """The cells (M, ndim) of the box from low to high (ndim,), inclusive, and which are not certified next: (M,).
 
-        "Not certified" is for the next step, in the tube (step + 1, within - 1). Indices are clipped on bounded axes;
-        on periodic ones they count on over the seam, and at most one lap is returned.
+        Indices are clipped on bounded axes; on periodic ones they count on over the seam, at most one lap.
         """
         known, table = self.table.cells, self.table
         high = np.where(known.periodic, np.minimum(high, low + known.counts - 1), np.clip(high, 0, known.counts - 1))
@@ -256,9 +238,7 @@ class _Cell:
     def collision_failure(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube may meet something: what is met first, when, and how deep.
 
-        What is met is an unsafe set or an unsafe end, which `Failure.by` names; `Failure.short` is the lower bound on
-        the distance, <= 0. That is 0, and `by` empty, where the cell's own tube meets nothing and only the larger boxes
-        do by which the proof looks tubes up.
+        `Failure.short` is the lower bound on the distance, <= 0.
         """
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
@@ -297,10 +277,7 @@ class _Cell:
     # ---- what would help
 
     def helps(self, nearest: Failure) -> Iterator[str]:
-        """Yield advice, as texts: whether the input meets something from the state alone, and what is bounded loosely.
-
-        nearest : the failure of the input that comes nearest to success.
-        """
+        """Yield advice, as texts: whether the input meets something from the state alone, and loose bounds."""
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
         if nearest.by not in ("", *COVER):
             alone = dict(self.depths(j, np.stack([self.state, self.state])))

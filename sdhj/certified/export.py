@@ -128,10 +128,7 @@ def export_c(
 
 
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
-    """The fields named in `only`, each once, in the order of `FIELDS`; one name may be given as a text.
-
-    ValueError for another name, or for none.
-    """
+    """The fields named in `only`, each once, in the order of `FIELDS`; one name may be given as a text."""
     only = (only,) if isinstance(only, str) else tuple(only)
     for one in only:
         option("only", one, FIELDS)
@@ -141,10 +138,7 @@ def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
 
 
 def _exportable(table: Any) -> ReachAvoidProblem:
-    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs.
-
-    table : any object. Few enough are `MOST_EXPORTED`.
-    """
+    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs."""
     if not isinstance(table, CertifiedTable):
         raise ValueError(
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
@@ -163,7 +157,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     """The indices of all inputs, those first that are proved at step 0 in the most of `DRAWN_CELLS` random cells.
 
-    For a `Rule`: the first proved input of this order is preferred. The cells are drawn with a fixed seed.
+    For a `Rule`: the first proved input of this order is preferred.
     """
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
@@ -177,10 +171,7 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
     """The words of cells (M, ndim) at a step, with the given fields, as bytes of the file: (M, bytes) uint8.
 
     A cell that is not certified has `NO_INPUT` and no inputs; one in the target where no input is chosen has `ARRIVED`.
-
-    cells : indices int64, in lines along `table.proof.along`, as `InLines.cells` returns them.
-    fields : some of `FIELDS`, in that order, at least one.
-    rule : which proved input the field "select" has, as for `sdhj.certified.words.words_of`.
+    The cells come in lines along `table.proof.along`, as `InLines.cells` returns them.
     """
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
     within, every = left if table.problem.has_no_target else min(1, left), None
@@ -190,7 +181,6 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
     nearest = words_of(table, cells, step, within, rule, every, lines=True)
 
     def mask(words: FloatArray) -> FloatArray:
-        """The bits of the inputs in words (M, 2 + ceil(L / 32)) uint32, as bytes: (M, ceil(L / 8)) uint8."""
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
 
     steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
@@ -212,17 +202,14 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
 class Packer:
     """The different words and bodies of blocks of an exported file, each kept once and known by a number.
 
-    Call `add` for the words of every piece of cells first, then `pack` for blocks of their numbers.
-
-    known (room, size) uint8 : the words; the first `used` rows count.
-    slots (S,) int64 : a hash table of the numbers of these rows; -1: free.
-    blocks : a list that the caller fills with the numbers of the words of each piece, by block, in the file's order.
-    bodies : the number of each body, by its bytes. index : the number of the body of each block packed so far.
+    Call `add` for the words of every piece of cells first, then `pack` for blocks of their numbers, which the caller
+    keeps in `blocks`, by block, in the file's order.
     """
 
     def __init__(self, size: int) -> None:
-        """An empty collection of words of `size` bytes."""
+        # words (room, size) uint8, of which the first `used` rows count
         self.known, self.used = np.zeros((1024, size), np.uint8), 0
+        # a hash table of the numbers of words, -1: free; each body's number, each block's
         self.slots, self.bodies, self.index = np.full(4096, -1), dict[bytes, int](), list[int]()
         self.blocks: list[FloatArray] = []
 
@@ -238,11 +225,7 @@ class Packer:
         return out.astype(np.uint32)
 
     def pack(self, numbers: FloatArray, width: int) -> None:
-        """Pack the numbers (B, cells) of the words of B blocks into bodies, `width` bytes a number.
-
-        Appends the number of each block's body to `index`, and new bodies to `bodies`. Called after the last `add`.
-        width : enough for the numbers of all words (`_bytes_for`), which is not checked.
-        """
+        """Pack the numbers (B, cells) of the words of B blocks into bodies, of `width` bytes; after the last `add`."""
         seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
         for one in numbers:
             body = room[: pack_block(one, width, seen, room)].tobytes()
@@ -252,47 +235,33 @@ class Packer:
 class InLines:
     """The cells of a table in whole blocks, and the blocks in pieces of work of at most about `CELLS_AT_ONCE` cells.
 
-    A piece is one row of blocks along each of the first few axes, and all blocks along the others.
-
-    Attributes
-    ----------
-    sides, blocks : (ndim,) int64
-        The number of cells of a block, and the number of blocks, along each axis.
-    along : int
-        The axis along which the cells of a piece come in lines, in order.
-    work : list of (int, tuple of int)
-        The pieces in the order of the file: the step, and the row of blocks on each of the first axes.
+    A piece is one row of blocks along each of the first few axes, and all blocks along the others; `work` has the step
+    and the rows of each, in the order of the file. Its cells come in lines along the axis `along`.
     """
 
     def __init__(self, table: CertifiedTable) -> None:
-        """Cut the cells of a table into blocks of at most `BLOCK_SIDES` cells, and these into pieces.
-
-        Where even a single block along all axes but the last makes more than `CELLS_AT_ONCE` cells, pieces are larger.
-        """
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)
         rows, every = self.sides.tolist(), (self.blocks * self.sides).tolist()
+        # else single blocks along all axes but the last, though these make more
         fits = (alone for alone in range(len(rows)) if prod(rows[:alone] + every[alone:]) <= CELLS_AT_ONCE)
         alone = next(fits, len(rows) - 1)
         starts = range(1 if table.problem.time_invariant else table.steps + 1)
         self.work = [(step, at) for step in starts for at in np.ndindex(*self.blocks[:alone].tolist())]
 
     def cells(self, at: Sequence[int]) -> FloatArray:
-        """The cells (M, ndim) of the piece with rows of blocks `at`, in lines along the axis `along`.
-
-        at : the row of blocks on each of the first axes, an entry of `work`. A block that reaches past the end of an
-            axis has the last cell there again.
-        """
+        """The cells (M, ndim) of the piece with rows of blocks `at`, in lines along the axis `along`."""
         begins = np.array([*at, *[0] * (len(self.sides) - len(at))]) * self.sides
         ends = np.where(np.arange(len(self.sides)) < len(at), begins + self.sides, self.blocks * self.sides)
+        # a block that reaches past the end of an axis has the last cell there again
         every = np.stack(np.meshgrid(*map(np.arange, begins, ends), indexing="ij", copy=False), axis=-1)
         return np.minimum(np.moveaxis(every, self.along, -2).reshape(-1, len(self.sides)), self.counts - 1)
 
     def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
         """The numbers (M,) of the words of a piece's cells, in the order of `cells`, put in order by block.
 
-        Returns (B, cells of a block), contiguous. at : the row of blocks on each of the first axes, an entry of `work`.
+        (B, cells of a block), contiguous.
         """
         blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
         shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
@@ -304,19 +273,10 @@ class InLines:
 
 
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
-    """The bytes of `sdhj_table.bin` with the given fields; its words are made in threads, pieces of cells at a time.
-
-    fields : some of `FIELDS`, in that order, at least one.
-    rule : which proved input is preferred, as for `sdhj.certified.words.words_of`.
-    brake : the index of the input to apply where nothing is proved.
-    progress : whether to show a bar; None: if standard error is a terminal.
-
-    ValueError above 4 GB.
-    """
+    """The bytes of `sdhj_table.bin` with the given fields; its words are made in threads, pieces of cells at a time."""
     pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
-        """The words (M, bytes) of the cells of a piece, an entry (step, rows of blocks) of `InLines.work`."""
         step, at = one
         return words_in_file(table, pieces.cells(at), step, fields, rule)
 
@@ -346,11 +306,7 @@ def file_of(
 ) -> bytes:
     """The bytes of `sdhj_table.bin`: the head with its digest, and the parts that the module docstring names.
 
-    packer : has added all words and packed all blocks. fields : some of `FIELDS`, in that order.
-    rule : which proved input is preferred. brake : the index of the input to apply where nothing is proved.
-    sides (ndim,) : cells of a block along each axis; ndim is at most 6.
-
-    ValueError above 4 GB.
+    `packer` has packed all blocks, of `sides` (ndim,) cells. ValueError above 4 GB.
     """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
@@ -400,10 +356,8 @@ def file_of(
 def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
     """The images of cells for a controller that remembers: (steps, masks, images), the last two for each axis.
 
-    steps : for how many steps images are stored; 1 where the dynamics do not depend on time.
-    masks : for each axis a whole number with a bit for each axis on which images along it depend.
-    images : for each axis (steps, L, places, 2) int16, the first and the last cell of the image along it, less the
-        cell's own index. A place stands for all cells that have the same indices on the axes of the mask.
+    A mask has a bit for each axis on which images along its axis depend; images are (steps, L, places, 2) int16, the
+    first and the last cell less the cell's own index, a place being all cells alike on the axes of the mask.
     """
     problem = table.problem
     starts, masks, images = problem.steps if problem.dynamics.depends_on_time else 1, list[int](), list[FloatArray]()
@@ -425,21 +379,19 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
     """Random states with checksums of Python's answers about them, for `sdhj_selftest`: (TESTS, ndim + 1) uint16.
 
-    A state is written in 65535ths of a range of each axis that is a little longer than the axis, so some states are off
-    the grid; the last entry is the lower half of a CRC-32 of what `python_answers` says. State i is asked about at step
-    i % (N + 1), or 0 where nothing depends on time, and with the filter's wanted input i % L. The states are drawn with
-    a fixed seed.
-
-    fields, rule, brake : what the file answers, which input it prefers, and the one to apply where nothing is proved.
+    State i is asked about at step i % (N + 1), or 0 where nothing depends on time, with the filter's wanted input i %
+    L.
     """
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
+    # a state is written in 65535ths of a range longer than the axis: some are off the grid
     states = cells.lower - 0.02 * cells.length + parts * (1.04 / 65535) * cells.length
     out, steps = np.zeros((TESTS, len(table.axes) + 1), "<u2"), 1 if problem.time_invariant else table.steps + 1
     out[:, :-1] = parts
     for step in range(min(steps, TESTS)):
         some = np.arange(step, TESTS, steps)
         said = python_answers(table, states[some], step, some % len(problem.inputs), fields, rule, brake)
+        # the lower half
         out[some, -1] = [zlib.crc32(one) & 0xFFFF for one in said]
     return out
 
@@ -455,12 +407,9 @@ def python_answers(
 ) -> list[bytes]:
     """Python's answers for states (M, ndim) at a step: M strings of bytes, of which `sdhj_selftest` makes checksums.
 
-    For each of "steps", "select" and "filter" a status, one byte, and a value, four, as `sdhj.h` has them; then, of a
-    state on the grid, such pairs for the safe inputs and for those that stay clear, and for a controller that remembers
-    the first and the last cell of the image under the wanted input along each axis.
-
-    states : measurements, which may be off the grid. wanted (M,) : the inputs that the filter is asked about.
-    fields, rule, brake : what the file answers, which input it prefers, and the one to apply where nothing is proved.
+    For each of "steps", "select" and "filter", asked about `wanted` (M,), a status, one byte, and a value, four, as
+    `sdhj.h` has them; then, of a state on the grid, such pairs for the safe inputs and for those that stay clear, and
+    for a controller that remembers the first and the last cell of the image under the wanted input along each axis.
     """
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
@@ -499,13 +448,10 @@ def python_answers(
 
 
 def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
-    """Where states (M, ndim) are, as the status of `sdhj_locate`: (M,) int.
-
-    0 on the grid, else `OFF_GRID` or `PAST_SAFE_END` of `STATUS`; past an end that is not safe is off the grid,
-    whatever the other axes say.
-    """
+    """Where states (M, ndim) are, as `sdhj_locate` says it: 0 on the grid, else `OFF_GRID` or `PAST_SAFE_END`."""
     below, above = table.past_ends(states)
     safe = table.grid.ends_where("frees")
+    # past an end that is not safe is off the grid, whatever the other axes say
     past = (below & safe[0]) | (above & safe[1])
     off = (below | above).any(axis=1)
     return np.where(
@@ -529,10 +475,7 @@ def checked_in_c(table: CertifiedTable) -> list[str]:
 
 
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
-    """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`, the bytes of `sdhj_table.bin`.
-
-    fields, rule, brake : what the file answers, the name of the rule, and the braking input's index.
-    """
+    """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`, the bytes of `sdhj_table.bin`."""
     problem, grid, inputs, arrived = table.problem, table.grid, table.problem.inputs, arrived_in_c(table.problem)
     name, *axes = map(c_comment, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
@@ -635,10 +578,7 @@ class Exported:
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
-        """Read the file in a folder to which `table` has been exported; the C is compiled at the first question.
-
-        OSError where there is no such file.
-        """
+        """Read the file in a folder to which `table` has been exported; OSError where there is none."""
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
@@ -652,13 +592,26 @@ class Exported:
     ) -> tuple[FloatArray, FloatArray]:
         """The status (M,) and the answers of the C to one of `QUESTIONS`, for states (M, ndim) at a step.
 
-        what : one of `QUESTIONS`. step : not used where nothing depends on time.
-        wanted : for "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m), or
-            one for all states; None: index 0, or zeros. Others do not use it.
-        first : of a table for a controller that remembers, whether all states are first measurements of loops. Others
-            have the status -9, except of "fallback" and "clear_inputs": `loop` carries points on.
+        Parameters
+        ----------
+        what : str
+            One of `QUESTIONS`.
+        states : (M, ndim) array
+        step : int
+            Not used where nothing depends on time.
+        wanted : array, optional
+            For "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m), or one
+            for all states; by default index 0, or zeros.
+        first : bool
+            Of a table for a controller that remembers, whether all states are first measurements of loops. Others have
+            the status -9, except of "fallback" and "clear_inputs": `loop` carries points on.
 
-        ValueError for another name or shape of states, OSError without a C compiler.
+        Raises
+        ------
+        ValueError
+            For another name or shape of states.
+        OSError
+            Without a C compiler.
         """
         given = np.ascontiguousarray(np.atleast_2d(states), np.float64)
         inputs, count = self.table.problem.inputs, len(given)
@@ -681,10 +634,7 @@ class Exported:
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
-        """One of `QUESTIONS` as a function (states, step=0, wanted=None, *, first=False) that calls `ask`.
-
-        AttributeError for another name.
-        """
+        """One of `QUESTIONS` as a function (states, step=0, wanted=None, *, first=False) that calls `ask`."""
         if name not in QUESTIONS:
             raise AttributeError(name)
         return partial(self.ask, name)
@@ -706,10 +656,7 @@ class Exported:
 
     @cached_property
     def _opened(self) -> tuple[Any, Any]:
-        """The loaded library and the opened table, made once, at first use.
-
-        OSError without a C compiler or where it fails, ValueError if the reader refuses the file.
-        """
+        """The loaded library and the opened table, made at first use."""
         compiler = os.environ.get("CC") or next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
         if compiler is None:
             raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")
@@ -737,10 +684,6 @@ class Loop:
     """The control loops of M robots in C, each with a memory of its own (`sdhj_step`); made by `Exported.loop`."""
 
     def __init__(self, exported: Exported, count: int) -> None:
-        """Begin the loops of `count` robots with empty memories, by the C of an `Exported`.
-
-        The table must be for a controller that remembers, which `Exported.loop` checks. OSError without a C compiler.
-        """
         self.exported, self.count = exported, count
         self.memories = np.zeros((count, exported._opened[0].x_memory()), np.uint8)
 

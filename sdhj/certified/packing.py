@@ -28,11 +28,8 @@ Changes = tuple[FloatArray, FloatArray] | None
 def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray) -> int:
     """The number of the axis along which sets are packed in the recursion.
 
-    The longest axis of at least `FEWEST` cells that is no axis of a place, so that all cells along it move alike. The
-    last axis instead if it is no axis of a place itself, if there is no such axis, or if an axis of the grid has a safe
-    end.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
+    The longest axis of at least `FEWEST` cells that is no axis of a place (`depends`), so that all cells along it move
+    alike. The last axis instead if it is none itself, if there is no such axis, or if an end of the grid is safe.
     """
     alike = [k for k, own in enumerate(axes) if not depends[k] and own.count >= FEWEST]
     if not depends[-1] or not alike or grid.has("frees"):
@@ -41,55 +38,32 @@ def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray) -> in
 
 
 class _Swapped(NamedTuple):
-    """What `Packing.add` hands to compiled code about one step; the last axis is the one along which sets are packed.
-
-    cells : the cells of all axes. moves : the images of the step's interval.
-    far (2, ndim) : the box of `Images.farthest_moves` for this interval.
-    clear : the bits of clear inputs.
-    """
+    """What `Packing.add` hands to compiled code about one step; sets are packed along the last axis."""
 
     cells: Cells
     moves: Moves
-    far: FloatArray
+    far: FloatArray  # (2, ndim), the box of `Images.farthest_moves` for this interval
     clear: Clear
 
 
 class Packing:
-    """Makes the sets of one step from those of the next, packed along the axis that takes least time.
-
-    Attributes
-    ----------
-    proof : sdhj.certified.images.Images
-        Whose images are asked for.
-    axis : int
-        Along which sets are packed while they are made (`packed_axis`).
-    alike : bool
-        Whether all cells move alike, so that images are united (`sdhj.certified.word_tubes`).
-    order : (ndim,) int64
-        The axes, with `axis` and the last in each other's place.
-    known : dict
-        The last step that was asked for, as an index of moves and clear inputs, and what `_at` returned for it.
-    """
+    """Makes the sets of one step from those of the next, packed along the axis that takes least time."""
 
     def __init__(self, proof: Any) -> None:
-        """For a proof, an `sdhj.certified.images.Images` whose moves are filled."""
         self.proof, last = proof, len(proof.axes) - 1
         self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0)
+        # all cells move alike, so that images are united (`sdhj.certified.word_tubes`)
         self.alike = goes_along(proof.problem, proof.strides > 0, range(last + 1))
+        # `axis` and the last in each other's place
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
-        self.known: dict[int, _Swapped] = {}
+        self.known: dict[int, _Swapped] = {}  # the last that was asked for
 
     def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Add to `cells` each cell whose image under a clear input is in `following`; in place.
+        """Add to `cells` (rows, W) each cell whose image under a clear input is in `following` (rows, W), in place.
 
-        Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input.
-
-        cells, following (rows, W) uint64 : sets packed along the last axis. following : is not modified.
-        step : that of `cells`; where moves or clear inputs are known for one step only, these are taken.
-        changed : the rows of `following`, and bits, that differ from the set that was `following` when `cells` was
-            made; only words of cells whose images may hold one are looked at. None: all are. Not used where all cells
-            move alike.
+        Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input. Both are
+        packed along the last axis; `changed` is what differs from the set that was `following` when `cells` was made.
         """
         some = self._at(step)
         if self.alike:
@@ -113,10 +87,6 @@ class Packing:
 
         The image of a cell is a window of cells, the same from each cell. It does not lie in `following` if it contains
         a cell outside: so the cells outside are united over that window (`sdhj.certified.word_tubes.united`).
-
-        cells : (rows, W) uint64, modified in place: cells are added, or taken away where sets shrink.
-        following : (rows, W) uint64, as for `add`; both are packed along the last axis.
-        some : of the interval, of `_at`.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
@@ -129,10 +99,8 @@ class Packing:
         cells[...] = led if self.proof.shrinks else cells | led
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
-        """`add` for sets that are packed along `axis` already; `cells` is modified in place.
-
-        cells, following, changed : as for `Packing.add`, but along `axis`. some : of the step.
-        """
+        """`add` for sets that are packed along `axis` already; `cells` is modified in place."""
+        # only words of cells whose images may hold a change are looked at
         near = np.full(cells.shape, True) if changed is None else reached_words(*changed, some.far, some.cells)
         extended = self._extended(following, some)
         grow(near, cells, extended, some.clear, some.moves, some.cells, self.proof.shrinks)
@@ -140,20 +108,17 @@ class Packing:
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
         """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
 
-        The margin holds the cells that images reach along the packed axis, so that none is wrapped or clipped there; it
-        repeats the row of a periodic axis, and the first and the last cell of a bounded one. The set is returned as it
-        is where a place depends on the packed axis, an end is safe, or images reach farther than the axis is long.
-
-        some : of the step.
+        The margin holds the cells that images reach along the packed axis, so that none is wrapped or clipped there.
         """
         moves, counts = some.moves, some.cells.counts
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
+        # a place depends on the packed axis, an end is safe, or images reach farther than the axis is long
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > counts[-1]:
             return following
         return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]
 
     def _at(self, step: int) -> _Swapped:
-        """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`."""
+        """What compiled code is handed at a step, in the order of axes `order`."""
         proof, at = self.proof, min(step, self.proof.starts - 1)
         if at not in self.known:
             moves, far = proof.moves(at), proof.farthest_moves[min(at, len(proof.farthest_moves) - 1)]
@@ -166,7 +131,6 @@ class Packing:
         order = self.order
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
-            """The NamedTuple `told` with its fields `names`, whose last dimension is the axes, taken in `order`."""
             ordered = {name: np.ascontiguousarray(getattr(told, name)[..., order]) for name in names}
             return told._replace(**read_only(ordered))
 
@@ -176,10 +140,7 @@ class Packing:
         return _Swapped(cells, moves, read_only(np.ascontiguousarray(some.far[..., order])), clear)
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
-        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead: (rows', W') uint64, new.
-
-        back : the other way, from `axis` to the last.
-        """
+        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead, or `back`, as a new array."""
         counts = self.proof.cells.counts
         ends = [int(counts[self.axis]), int(counts[-1])]
         first, last = ends[::-1] if back else ends
@@ -191,11 +152,8 @@ class Packing:
 def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:
     """The words with cells whose image under some input may hold a cell that has changed: (R, W) bool.
 
-    One axis after the other, as images are within a box around their cell. Along the last axis whole words are marked.
-
-    rows (n,), changed (n, W) : the rows with changes, and their words, which are not 0 where cells have changed.
-    far (2, ndim) : the first and the last cell that inputs lead to from any place, as offsets.
-    cells : the `Cells`, of which the last axis is packed.
+    `rows` (n,) and their words `changed` (n, W) have the changes; `far` (2, ndim) the first and the last cell that
+    inputs lead to from any place. One axis after the other, as images are within a box around their cell.
     """
     counts = cells.counts.tolist()
     out = np.zeros((math.prod(counts[:-1]), changed.shape[1]), np.bool_)

@@ -70,7 +70,6 @@ class CertifiedTable(Table):
     _explain = explain
 
     def __post_init__(self, mapped_from: Any) -> None:
-        """Make `index` and `pool` read-only in place, `details` a sealed copy, and keep `mapped_from` as `origin`."""
         read_only((self.index, self.pool))
         object.__setattr__(self, "details", Sealed(self.details))
         object.__setattr__(self, "origin", mapped_from)
@@ -115,11 +114,9 @@ class CertifiedTable(Table):
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
-        """In how many of the sets in rows first to last of `index`, each inside the next, a state is not: (M,) int64.
+        """In how many sets in rows first to last of `index`, each inside the next, a state (M, ndim) is not: (M,).
 
-        So it is the number of the first set that a state is in, from 0, or last - first + 1 for none. A state is in a
-        set if it is off one of its cells by no more than slack (ndim,). ValueError where the states (M, ndim) do not
-        fit.
+        A state is in a set if it is off one of its cells by no more than `slack` (ndim,).
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
@@ -129,24 +126,22 @@ class CertifiedTable(Table):
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
         """The fewest steps within which states (M, ndim) at a step are certified to reach the target: (M,) int64.
 
-        As `steps_by_cells`, but 0 for all that have `arrived`. ValueError where states do not fit.
+        N - step + 1 where none is certified. ValueError where states do not fit.
         """
         found = self.steps_by_cells(states, step)
         found[self.arrived(np.atleast_2d(real_array("states", states)), step)] = 0
         return found
 
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """The numbers (R,) of states (M, ndim) at a step that are in the target itself and clear, whatever their cell.
-
-        By the level-set functions (`ReachAvoidProblem.arrived`); of none that is off the grid by more than the shell.
-        """
+        """The numbers (R,) of states (M, ndim) at a step that are in the target itself and clear, in any cell."""
+        # by the level-set functions; of none that is off the grid by more than the shell
         rows = self.problem.arrived(states, step)
         return rows[~np.logical_or(*self.past_ends(states[rows])).any(axis=1)] if rows.size else rows
 
     def past_ends(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whether states (M, ndim) are past the lower, and past the upper end of each axis, by more than the shell.
+        """Whether states (M, ndim) are past the lower, and the upper end of each axis by more than the shell.
 
-        (M, ndim) bool each, False on periodic axes. By the same operations as `sdhj_place_of` in C.
+        (M, ndim) bool each; by the same operations as `sdhj_place_of` in C.
         """
         cells, shell = self.cells, self.proof.shell
         offset = np.where(cells.periodic, 0.0, states - cells.lower)
@@ -154,11 +149,9 @@ class CertifiedTable(Table):
         return offset < begin - shell, offset > end + shell
 
     def steps_by_cells(self, states: FloatArray, step: int) -> FloatArray:
-        """The fewest steps certified of the cells that states (M, ndim) at a step are in: (M,) int64.
+        """The fewest steps certified of the cells that states (M, ndim) at a step are in: (M,), N - step + 1 for none.
 
-        N - step + 1 where none is certified. Without a target it is 0 where the state is certified to stay clear for
-        all steps that are left, else N - step + 1. A state within the shell of a cell counts as in it. ValueError where
-        states do not fit.
+        Without a target it is 0 where a state is certified to stay clear for all steps that are left. The shell counts.
         """
         last = self.tube_index(step, self.steps)
         if self.problem.has_no_target:
@@ -166,16 +159,15 @@ class CertifiedTable(Table):
         return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states `points` (M, ndim) are in the tube (start, within), (M,) bool: in its cells, or `arrived`."""
+        """Whether states (M, ndim) are in the tube (start, within), in its cells or `arrived`: (M,) bool."""
         out = self.in_cells(points, start, within)
         out[self.arrived(np.atleast_2d(points), start)] = True
         return out
 
     def in_cells(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states `points` (M, ndim) are in the closed cells of the tube (start, within), no shell: (M,) bool.
+        """Whether states (M, ndim) are in the closed cells of the tube (start, within), no shell: (M,) bool.
 
-        With sensing, a state is in the tube only where every measurement or prediction of it is, all of the box E
-        around it.
+        With sensing, only where every measurement or prediction of it is, all of the box E around it.
         """
         place = self.tube_index(start, within)
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
@@ -184,14 +176,11 @@ class CertifiedTable(Table):
         return out
 
     def _inside_around(self, states: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether all that may be measured of states (M, ndim) is in the tube (start, within): (M,) bool.
-
-        By `points_of_error_box`, a few states at a time. Where each has more than `MANY` of them, states are left out
-        of which one of the corners is outside, or a box of cells has all.
-        """
+        """Whether all that may be measured of states (M, ndim) is in the tube (start, within): (M,) bool."""
         off, ndim = self.proof.prediction_error, len(self.axes)
         many = math.prod(math.ceil(2 * e / float(own.width)) + 2 for e, own in zip(off, self.axes, strict=True))
         found, asked = np.ones(len(states), np.bool_), np.arange(len(states))
+        # few are asked in full: not those of which a corner is outside, or a box of cells has all
         if many > MANY:
             corners = [
                 self.grid.clipped(states + side * off, "holds", "fails")
@@ -210,18 +199,12 @@ class CertifiedTable(Table):
         return found
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim), measured or predicted, are in no cell of the tube (start, within): (M,) bool.
-
-        Cells are closed; the shell does not count.
-        """
+        """Whether points (M, ndim), measured or predicted, are in no closed cell of the tube (start, within): (M,)."""
         place = self.tube_index(start, within)
         return self._fewest(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
-        """Whether the cell (ndim,) int64, indices, is certified for the tube (start, within).
-
-        The indices must be on the grid, which is not checked.
-        """
+        """Whether the cell (ndim,) int64, indices on the grid, is certified for the tube (start, within)."""
         place, out = self.tube_index(start, within), np.empty(1, np.int64)
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
@@ -229,8 +212,8 @@ class CertifiedTable(Table):
     def points_of_error_box(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
-        The corners of the box among them. Clipped at bounded ends that are not safe. Where all of them are in a set of
-        cells, so is whatever may be measured. E is 0 without sensing: then V is 1.
+        Clipped at bounded ends that are not safe. Where all of them are in a set of cells, so is whatever may be
+        measured. E is 0 without sensing: then V is 1.
         """
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
@@ -254,11 +237,10 @@ class CertifiedTable(Table):
         return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether all, and whether any, states of boxes from low to high (M, ndim) are certified: bool (2, M).
+        """Whether all, and whether any, states of boxes from low to high (M, ndim) are in a tube's cells: bool (2, M).
 
-        Row 0 says it of all, row 1 of any, for the tube (start, within). A box counts as wholly certified even if it
-        exceeds the cells by the shell plus twice `DRIFT` of the scale. A box that crosses the end of an axis, periodic
-        or not, never counts as wholly certified, and always as certified in part.
+        A box may exceed the cells by the shell plus twice `DRIFT` of the scale. One that crosses the end of an axis,
+        periodic or not, never counts as wholly certified, and always as certified in part.
         """
         cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
@@ -281,17 +263,15 @@ class CertifiedTable(Table):
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
-        """Which inputs are proved safe over the interval and to leave `within` - 1 steps to go, from states (M, ndim).
+        """Which inputs are proved safe and to leave `within` - 1 steps to go, from states (M, ndim): bool (M, L).
 
-        Returns bool (M, L). A state in a certified cell of the tube (step, within) has at least one such input, except
-        for within = 0; any other state has none. A `within` above N - step counts as N - step. An input counts if it is
-        proved from any cell within the shell of the state, so there is no margin to read. At the last step there is no
-        input.
+        A state in a certified cell of the tube (step, within) has at least one, except for within = 0; any other state,
+        and every one at the last step, has none. A `within` above N - step counts as N - step.
         """
         place, within = self.tube_index(step, within), min(within, self.steps - step)
 
         def asked(cells: FloatArray) -> FloatArray:
-            """Which inputs are certified from cells (n, ndim): (n, L) bool; none from those not in this tube."""
+            # none from those not in this tube
             held = np.empty(len(cells), np.int64)
             fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, held)
             return self.inputs_of(cells, np.where(held == 0, within, 0), step)
@@ -301,8 +281,7 @@ class CertifiedTable(Table):
     def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L).
 
-        asked : called once with all these cells (n, ndim), n = 0 where none is near; returns bool (n, L). A state off
-            the grid has no cell, and no input.
+        `asked` is called once with all these cells (n, ndim); a state off the grid has none.
         """
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
@@ -312,11 +291,9 @@ class CertifiedTable(Table):
         return out
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
-        """The fewest steps certified for all states of each cell (M, ndim) at a step: (M,), N - step + 1 for none.
+        """The fewest steps certified for all states of each cell (M, ndim), indices: (M,), N - step + 1 for none.
 
-        Without a target 0 where the cell is certified to stay clear for all steps that are left, else N - step + 1.
-
-        cells : indices int64, on the grid, which is not checked.
+        Without a target 0 where the cell is certified to stay clear for all steps that are left.
         """
         last, out = self.tube_index(step, self.steps), np.empty(len(cells), np.int64)
         first = last if self.problem.has_no_target else self.tube_index(step, 0)
@@ -326,15 +303,10 @@ class CertifiedTable(Table):
     def inputs_of(
         self, cells: FloatArray, steps_left: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
     ) -> FloatArray:
-        """Which inputs are certified from all states of cells (M, ndim) at a step: bool (M, L).
+        """Which inputs are certified from all states of cells (M, ndim), indices, at a step: bool (M, L).
 
-        At the last step none is.
-
-        cells : indices int64, on the grid, which is not checked.
-        steps_left (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set
-            with steps_left - 1; 0: none is.
-        among (M, L) bool : the inputs that are asked about, by default all; False for others.
-        lines : whether the cells come in lines along `proof.along`, which takes less time.
+        An input is certified if it leads into the set with `steps_left` (M,) - 1; 0: none is. Only those `among` (M, L)
+        are asked about; where cells come in `lines` along `proof.along`, that takes less time.
         """
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
@@ -343,10 +315,7 @@ class CertifiedTable(Table):
         return self.proof.inputs(cells, steps_left, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
-        """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L).
-
-        cells : indices int64, on the grid. step : before the last. Neither is checked.
-        """
+        """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
@@ -355,10 +324,9 @@ class CertifiedTable(Table):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The boxes in which a controller that remembers goes on, and how far from them the next measurement may be.
 
-        Returns three arrays (M, ndim). The lower and the upper corners: the ends of the cells that points (M, ndim) at
-        a step are led to under inputs (M,), indices, or a point half a shell behind a wall where all of them are its
-        layer; NaN for a point off the grid. And how far the measurement may be along each axis: 2 E, or E where both
-        corners are the same. If several cells are within the shell of a point, that counts which `image_cells` takes.
+        Three (M, ndim): the corners, which are the ends of the cells that points (M, ndim) at a step are led to under
+        inputs (M,), or a point half a shell behind a wall where all of them are its layer, NaN off the grid; and 2 E,
+        or E where both corners are the same.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
         rows, begin, end = self.image_cells(points, inputs, step)
@@ -373,13 +341,10 @@ class CertifiedTable(Table):
     def image_cells(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The cells that points (M, ndim) at a step are led to under inputs (M,), indices: (rows, first, last).
+        """The cells that points (M, ndim) at a step are led to under inputs (M,): (rows, first, last).
 
-        rows (R,) : the indices of the points that are on the grid.
-        first, last (R, ndim) : the first and the last cell of the image of each, neither clipped nor taken around.
-
-        If several cells are within the shell of a point, the image is that of the cell from which the input is proved
-        with the fewest steps to go; where it is proved from none, that of any.
+        rows (R,) are the points that are on the grid; first and last (R, ndim) the cells of the image of each, neither
+        clipped nor taken around.
         """
         points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
         rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
@@ -394,6 +359,7 @@ class CertifiedTable(Table):
             self.inputs_of(cells, np.where(held, steps_left, 0), step)[each, inputs[rows]] for steps_left in steps_tried
         ]
         nearest = np.where(good[0], steps_tried[0], left + 1)
+        # of several cells within the shell: from which the input is proved, with the fewest steps to go
         order = np.lexsort([each, ~np.logical_or.reduce(good), nearest, rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
         return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
@@ -401,8 +367,7 @@ class CertifiedTable(Table):
     def _edge(self, numbers: FloatArray) -> FloatArray:
         """The lower ends of cells with indices (M, ndim), which may lie beyond the ends of axes: (M, ndim).
 
-        On periodic axes indices count on over the seam; on others coordinates are clipped to the grid. By the same
-        operations as `sdhj_edge` in C, so that both carry on the same points.
+        By the same operations as `sdhj_edge` in C, so that both carry on the same points.
         """
         cells, counts = self.cells, self.cells.counts
         laps = np.where(cells.periodic, numbers // counts, 0)
@@ -415,13 +380,10 @@ class CertifiedTable(Table):
         return np.stack([(one[k] + one[k + 1]) / 2 for one, k in zip(edges, cells.T, strict=True)], axis=1)
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape; <= 0 in the tube.
+        """Certified steps to go minus `within` at the nodes of the problem's grid, float32, <= 0 in the tube: (*shape).
 
-        float32; N - start + 1 - within at nodes that are in no tube. A node that rounding may put into a cell counts as
-        in it. Without a target 0 in the tube and 1 outside.
-
-        start, within : the tube (k, n), by default (0, N); a larger `within` counts as N - start. ValueError where
-        `start` is not from 0 to N, or `within` below 0.
+        N - start + 1 - within at nodes that are in no tube, without a target 0 in the tube and 1 outside. A node that
+        rounding may put into a cell counts as in it. ValueError where `start` is not from 0 to N, or `within` below 0.
         """
         start, within = self.clipped(start, within)
         if self.problem.has_no_target:
@@ -436,24 +398,20 @@ class CertifiedTable(Table):
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are certified for the tube (start, within) at the nodes of the grid: bool, grid.shape + (L,).
 
-        False for all inputs at nodes outside the tube. start, within : the tube (k, n), by default (0, N); ValueError
-        where `start` is not from 0 to N, or `within` below 0.
+        ValueError where `start` is not from 0 to N, or `within` below 0.
         """
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Certified steps to go of points (M, V, ndim) at a step minus `within` (M,): (M, V) float, <= 0 in the tube.
-
-        The shell counts, as for `steps_to_go`. Without a target <= 0 in the tube of all steps that are left.
-        """
+        """Certified steps to go of points (M, V, ndim) minus `within` (M,): (M, V), <= 0 in the tube or its shell."""
         to_go = self.steps_by_cells(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         """Values (M, L): < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
 
-        The magnitude is the distance from the unsafe sets, by their level-set functions, of where the input leads at
-        the interval's end without an adversary; it proves nothing. step : before the last.
+        The magnitude is the distance from the unsafe sets of where the input leads without an adversary; it proves
+        nothing.
         """
         clear = self._words.look_up(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
@@ -465,14 +423,10 @@ class CertifiedTable(Table):
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
         """The answers for states (M, ndim) at a step, a `ProvedBatch`; only certified inputs are safe.
 
-        step : a whole number from 0 to N, else ValueError.
-        within : inputs are judged by the tube of the fewest steps to go, but of `within` where that is more. Without a
-            target always by that of all steps that are left.
-        scores (M, L) : `best` is then the first safe input of least score, else the one that "deepest" prefers at the
-            centre of the cell; -1 where none is safe.
-
-        A state in the target itself has 0 steps to go, whatever its cell (`arrived`). There may be no input
-        that is proved to bring it back one step later.
+        Inputs are judged by the tube of the fewest steps to go, but of `within` where that is more, and without a
+        target by that of all steps left. With `scores` (M, L) the first safe input of least score is the best, else the
+        one that "deepest" prefers at the centre of the cell; -1 where none is safe. ValueError if `step` is not from 0
+        to N.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -483,6 +437,7 @@ class CertifiedTable(Table):
             to_go[to_go >= 0] = left
         elif (there := self.arrived(states, step)).size:
             away = there[to_go[there] > within]  # proved for more steps than a state in the target is asked about
+            # there may be no input that is proved to bring it back one step later
             to_go[there], safe[away], best[away] = 0, False, NOT_ADMISSIBLE
         if scores is not None:
             none, best = best < 0, np.where(safe, scores, np.inf).argmin(axis=1)
@@ -492,35 +447,27 @@ class CertifiedTable(Table):
         return batch
 
     def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
-        """The input that a built-in rule prefers at the centre of each state's cell: (M,), -1 where no input is safe.
-
-        batch : what `answers` has returned for the states, without scores. rule : a name in `sdhj.table.rules.RULES`.
-        """
+        """The input that a built-in rule prefers at the centre of each state's cell: (M,), -1 where none is safe."""
         if rule == "deepest":
             return batch.best.copy()
         found = self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
         return np.where(batch.best < 0, NOT_ADMISSIBLE, found)
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state of a batch the safe input of least score, of equals that of least margin: (M,).
+        """For each state of a batch the safe input of least score (M, L), of equals that of least margin: (M,).
 
-        batch : what `answers` has returned. scores (M, L) : finite for safe inputs; of others they are not read. Where
-        no input is safe, it is `batch.best`.
+        Where no input is safe, it is `batch.best`.
         """
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether each input passes the check against the true sets, as controllers ask any table: all True, (M,).
-
-        Nothing needs to be checked, as safe inputs are proved. Of the arguments only the length of `inputs` (M,) is
-        used; the contract is that of `sdhj.table.batches.Table.passes_true_sets`.
-        """
+        """All True, (M,), as safe inputs are proved; controllers ask this of any table."""
         return np.ones(len(inputs), np.bool_)
 
     @cached_property
     def _words(self) -> Words:
-        """The words of the cells that have been asked about; made at first use, and not copied with the table."""
+        """The words of the cells that have been asked about; not copied with the table."""
         return Words()
 
     def bits(self, *, start: int, within: int) -> FloatArray:
@@ -532,11 +479,9 @@ class CertifiedTable(Table):
         return to_bits(self.pool[self.index[self.tube_index(start, within)]], packed).reshape(self.shape)
 
     def _share(self, start: int, within: int) -> float:
-        """The share of the state space in the tube (start, within), from 0 to 1: the volume of its cells.
-
-        With `Sensing` it is estimated: the share of 2^18 random states, always the same, for which `contains` is True.
-        """
+        """The share of the state space in the tube (start, within), from 0 to 1: the volume of its cells."""
         if self.problem.sensing:
+            # an estimate: not all of a cell is in the tube
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
@@ -544,7 +489,7 @@ class CertifiedTable(Table):
 
     @kept
     def _block_volumes(self) -> FloatArray:
-        """The share of the packed axes' volume that each block of the pool holds, (blocks,); computed once."""
+        """The share of the packed axes' volume that each block of the pool holds, (blocks,)."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
         shares = _product([axis.shares() for axis in axes])
         if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
@@ -637,8 +582,7 @@ class CertifiedTable(Table):
     def save(self, path: str | os.PathLike[str], compress: bool = True) -> None:
         """Write the table to a file, as `LookupTable.save` does, which is replaced, whole or not at all.
 
-        path : of the file; `CertifiedTable.read` says what is checked when it is read. compress : whether arrays are
-        packed; if not, they are mapped when the file is loaded. OSError if it cannot be written.
+        Arrays that are not packed (`compress`) are mapped when the file is loaded. OSError if it cannot be written.
         """
         write_table(path, self, self._arrays, compress, **self._entries)
 
@@ -672,12 +616,10 @@ class CertifiedTable(Table):
     def read(
         cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, **fields: Any
     ) -> "CertifiedTable":
-        """The table in an open file with this head, for a problem that has been read from it.
-
-        fields : what else the class has, as keywords.
+        """The table in an open file with this head, for a problem that has been read from it; nothing is proved anew.
 
         ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together: the cells do not
-        cover the axes, arrays have other shapes or types, or there are bits of no cell. Nothing is proved anew.
+        cover the axes, arrays have other shapes or types, or there are bits of no cell.
         """
         cells = head["cells"]
         every, layers = range(problem.grid.ndim), cells.get("layers", [(0, 0)] * problem.grid.ndim)
@@ -716,11 +658,7 @@ class CellSets:
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
-        """Prepare a proof, which takes about half of the time of a solve; no entry is filled in yet.
-
-        proof : a `sdhj.certified.images.Proof`, whose arrays are filled; ValueError as from its `prepare`.
-        progress : whether to show progress bars, as for `sdhj.solve`.
-        """
+        """Prepare a `sdhj.certified.images.Proof`, which takes about half of the time of a solve."""
         counts = [axis.count for axis in proof.axes]
         self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
@@ -731,15 +669,13 @@ class CellSets:
         """Nothing: the proof is prepared when the sets are made."""
 
     def write_goal(self, step: int) -> None:
-        """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as (step, 0)."""
+        """Begin row k = step with S_k^0, the cells inside L(t_k) and outside G(t_k)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
-        """Compute and keep the entry (step, within), from (step, within - 1) and (step + 1, within - 1).
-
-        (step, within - 1) must be the entry that was kept last, and `following` S_{k+1}^{n-2}, as `recursion` has it.
-        """
+        """Compute and keep the entry (step, within), from (step, within - 1) and (step + 1, within - 1)."""
+        # (step, within - 1) was kept last, and `following` is S_{k+1}^{n-2}, as `recursion` has it
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
@@ -761,7 +697,7 @@ class CellSets:
         self.settled = True
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
-        """Keep the rows of `cells` for which changed (rows,) bool is True, as what the entry (step, within) adds."""
+        """Keep the rows of `cells` that have `changed` (rows,) as what the entry (step, within) adds."""
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
@@ -772,8 +708,8 @@ class CellSets:
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
         """The table of all entries, with `details` and facts about its cells; called once, as the entries are used up.
 
-        The table of a problem without a number of steps has as many as changed a set. A warning is told where that has
-        not settled (`sdhj.common.findings.tell`).
+        Of a problem without a number of steps it has as many as changed a set, and a warning is told where that has not
+        settled.
         """
         proof, problem = self.proof, self.proof.problem
         facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
@@ -800,10 +736,7 @@ class CellSets:
 
 
 def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
-    """The finding that a solve with steps=None ended before its sets had settled; the caller has found that it did.
-
-    steps : after how many steps it ended. share : the part of the cells, 0 to 1, that the last of these still changed.
-    """
+    """The finding that a solve with steps=None ended while the last step still changed a share of the cells."""
     holds = "the tube is safe for so many steps, not for ever"
     holds = holds if problem.has_no_target else "the tubes hold for so many steps"
     return Finding(
@@ -818,30 +751,22 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
     """The `BlackBox` of `CertifiedTable.as_level_set`, with bounds over boxes, from which a proof can go on.
 
     Its bounds raise ValueError where the tube depends on time and an interval of times is asked about.
-
-    within : from 0 to N.
     """
     problem = table.problem
 
     def step_at(t: float) -> int | None:
-        """The step whose sampling time t is, s, to `ON_TIME` of an interval, or None; 0 if nothing depends on time."""
+        # the step whose sampling time t is, to `ON_TIME` of an interval
         step = 0 if problem.time_invariant else max(round((t - problem.time(0)) / problem.delta), 0)
         on_time = problem.time_invariant or abs(problem.time(step) - t) <= ON_TIME * problem.delta
         return step if on_time and step <= table.steps else None
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """-1 for points (M, ndim) in the tube of the step at time t, 1 for others: (M,); 1 at other times."""
         step = step_at(t)
         if step is None:
             return np.ones(len(points))
         return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the function, both (M,), over boxes (M, ndim) and [t0, t1], s.
-
-        (-1, -1) where all of a box is in certified cells, (1, 1) where nothing of it is, else (-1, 1). ValueError if
-        the tube depends on time and t0 < t1.
-        """
         if t0 != t1 and not problem.time_invariant:
             raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
         step = step_at(t0)

@@ -30,20 +30,14 @@ ALIKE = 1e-12  # of the largest coordinate: how far moves under all inputs may d
 
 
 class Lattice(NamedTuple):
-    """The boxes in which an unsafe set of d axes is bounded: pieces of cells, each widened.
+    """The boxes in which an unsafe set of d axes is bounded: pieces of cells, each widened."""
 
-    axes (d) : the cells of each of the set's axes.
-    alike (d,) bool : the axes along which all tubes stick out of their cells by the same, `low` and `high`, up to
-        rounding. A box is a whole cell there, and a tube of the cell is inside the widened box.
-    fine (d,) : how many equal pieces a cell is cut into; 1 on the axes `alike`.
-    low, high (d,) : how much each box is wider than its piece, below and above.
-    """
-
-    axes: Sequence[CellAxis]
+    axes: Sequence[CellAxis]  # of the set
+    # (d,), where all tubes stick out of their cells by the same, `low` and `high`: a box is a whole cell
     alike: FloatArray
-    fine: FloatArray
-    low: FloatArray
-    high: FloatArray
+    fine: FloatArray  # (d,), how many equal pieces a cell is cut into; 1 on the axes `alike`
+    low: FloatArray  # (d,), how much each box is wider than its piece below
+    high: FloatArray  # (d,), and above
 
 
 def in_words(
@@ -51,11 +45,7 @@ def in_words(
 ) -> bool:
     """Whether cells along the axes of an unsafe set are looked at 64 at a time.
 
-    They are if `goes_along` says that they may be, and there would be more than `COUNTED` boxes of half a cell, at all
-    times together.
-
-    depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`). cells : those of each axis.
-    parts : into which an interval is cut, in each of which a moving set is bounded on its own.
+    They are if they may be (`goes_along`), and there would be more than `COUNTED` boxes of half a cell at all times.
     """
     axes = unsafe_set.axes
     spans = parts * problem.most_steps if unsafe_set.moving else 1
@@ -67,29 +57,21 @@ def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[i
     """Whether tubes and images are shifted with their cells along `axes`, so that 64 may be looked at at once.
 
     They are if there are at least `LEAST_AXES` of these, the last axis of all among them, none is an axis of a place
-    and no end of the grid is safe.
-
-    depends : (ndim,) bool, the axes of a place. axes : numbers of axes, ascending, at least one.
+    (`depends`) and no end of the grid is safe.
     """
     last = axes[-1] == depends.size - 1
     return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")
 
 
 def size_in_words(axes: Sequence[CellAxis]) -> int:
-    """How many words a set of cells is kept in: of 64 cells along the last axis each, the last of a row part empty.
-
-    axes : the cells of each axis.
-    """
+    """How many words a set of cells is kept in: of 64 cells along the last axis each, the last of a row part empty."""
     return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
 
 
 def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatArray:
-    """Into how many pieces a cell is cut along each axis: (d,).
+    """Into how many pieces a cell is cut along each axis: (d,), 1 on the axes `alike`.
 
-    1 on the axes `alike` (d,) bool; on the others as many as leave about `BOXES` boxes together, but at least
-    `LEAST_PIECES` and at most `MOST_PIECES`.
-
-    axes : the cells of each of d axes. share : for how many times the set is bounded; they share this number.
+    As many as leave about `BOXES` boxes together for all of the `share` times at which the set is bounded.
     """
     cells = share * math.prod(axis.count for axis in axes)
     pieces = int((BOXES / cells) ** (1 / max(int((~alike).sum()), 1)))
@@ -97,13 +79,10 @@ def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatA
 
 
 def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray, share: int) -> Lattice:
-    """The `Lattice` in which tubes are tested against an unsafe set of d axes.
+    """The `Lattice` for `tubes` (T, parts, d, 2), how far the ends of cells move, and a set of d axes.
 
-    axes : the cells of each of the set's axes.
-    tubes (T, parts, d, 2) : how far the lower and the upper ends of cells move in each part, under all inputs.
-    pushed (d,) : how far the disturbance and errors move states to each side. Along an axis that is not `alike`, where
-        that is less than a piece of a cell, boxes are wider by it on both sides.
-    share : as for `pieces_of`.
+    Along an axis that is not `alike`, boxes are wider by what the disturbance pushes, `pushed` (d,), where that is less
+    than a piece of a cell.
     """
     least, most = tubes[..., 0].min(axis=1), tubes[..., 1].max(axis=1)
     scale = np.array([axis.scale for axis in axes])
@@ -117,14 +96,10 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
 def boxes_in_words(
     bounds: Bounds, unsafe_set: UnsafeSet, lattice: Lattice, margin: FloatArray, far: int, times: tuple[float, float]
 ) -> FloatArray:
-    """Which boxes of a lattice may meet a set at some of the times, as bits: (*boxes, fine, more) uint64.
+    """Which boxes of a lattice, widened by `margin` (d,), may meet a set at some times: (*boxes, fine, more) uint64.
 
     *boxes are the numbers of boxes on all axes but the last; on the last, box fine i + m is bit i of plane m, with
     margins as `with_margins` adds them.
-
-    bounds : of the problem that has `unsafe_set`. lattice : for the set.
-    margin (d,) : how much wider boxes are on both sides, besides what the lattice says.
-    far : how many cells the margins hold, at least (`far_beyond`). times : (from, to), s.
     """
     low, high = [], []
     for axis, fine, below, above in zip(
@@ -148,10 +123,8 @@ def boxes_in_words(
 def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
     """Planes (..., fine, W) of bits with `far` bits more before and behind the cells: (..., fine, more) uint64.
 
-    These bits are what is there of the next period of a periodic axis; on a bounded axis the first or the last box is
-    repeated. The margins are whole words, equally many before and behind; their bits farther out than `far` are 0.
-
-    axis : the cells of the last axis, a bit of each plane for each.
+    These are the next period of a periodic axis, and repeat the first or the last box on a bounded one. The margins are
+    whole words, equally many before and behind; their bits farther out than `far` are 0.
     """
     more = 2 * -(-far // 64)
     out = np.empty((*planes.shape[:-1], planes.shape[-1] + more), np.uint64)
@@ -161,14 +134,11 @@ def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
 
 
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The numbers of the first and of the last box along each axis that tubes of cell 0 overlap: two (..., d) int64.
+    """The first and the last box along each axis that `tubes` (..., d, 2) of cell 0 overlap: two (..., d) int64.
 
-    Cell 0 has the boxes 0 to fine - 1; the tube of cell i overlaps those that lie `fine` i farther. 0 and 0 along the
-    axes `alike` of the lattice, where a box holds the whole tube. On the others a tube is made smaller by what boxes
-    are wider than their pieces (`Lattice.low`, `high`) and by `narrow`; each overlaps at least one box.
-
-    tubes (..., d, 2) : how far the lower and the upper ends of cells move, as for `lattice_for`.
-    narrow (d,) : on both sides, in the axes' units; less than the `margin` of `boxes_in_words`, which makes up for it.
+    Cell 0 has the boxes 0 to fine - 1; the tube of cell i overlaps those that lie `fine` i farther. On axes that are
+    not `alike` a tube is made smaller by what boxes are wider than their pieces, and by `narrow` (d,), which the
+    `margin` of `boxes_in_words` makes up for.
     """
     pitch = np.array([float(axis.width) for axis in lattice.axes]) / lattice.fine
     first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)
@@ -177,10 +147,7 @@ def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[Fl
 
 
 def far_beyond(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
-    """How many cells before and behind a row of the last axis the windows reach into, at most.
-
-    first, last (T, d) : of `windows`, T > 0.
-    """
+    """How many cells before and behind a row of the last axis the windows (T, d) reach into, at most."""
     fine = lattice.fine[-1]
     return 0 if lattice.alike[-1] else max(-int(first[:, -1].min() // fine), int(last[:, -1].max() // fine), 0)
 
@@ -191,11 +158,8 @@ def united(
     """Yield from which cells tubes overlap a box that may meet the set, once for all tubes with the same windows.
 
     (numbers of these tubes, cells as bits (n1, ..., W) uint64); each of the tubes `some` is in one of the pairs. The
-    bits are not to be modified, as those of later pairs may be made of them.
-
-    boxes : those of the lattice, as `boxes_in_words` returns them, united already along the axes behind `axis`.
-    first, last (T, d) : the windows of all tubes. some (n,) : numbers of tubes.
-    axis : the axis to unite along next, and then those before it; first of all d - 1; -1: there is none left.
+    bits are not to be modified, as those of later pairs may be made of them. `boxes` are united along the axes behind
+    `axis`.
     """
     if axis < 0:
         yield some, boxes
@@ -208,11 +172,10 @@ def united(
 
 
 def _along(boxes: FloatArray, lattice: Lattice, axis: int, first: int, last: int) -> FloatArray:
-    """For each cell along an axis whether one of the boxes of its window is set; other axes stay as they are.
+    """For each cell along an axis whether one of the boxes of its window, `first` to `last` of cell 0, is set.
 
-    boxes : those of the lattice, as for `united`, with fine n boxes along `axis`; the result has n there, or, for the
-        last axis, words of bits in place of planes. It is `boxes` itself if the window is the cell's own box.
-    first, last : of the window of cell 0.
+    `boxes` have fine n boxes along `axis`; the result has n there, or, for the last axis, words of bits in place of
+    planes. It is `boxes` itself if the window is the cell's own box.
     """
     own, fine = lattice.axes[axis], int(lattice.fine[axis])
     if axis == len(lattice.axes) - 1:
