@@ -152,8 +152,7 @@ class CellAxis:
         return first % self.count, np.minimum(last - first + 1, self.count)
 
     def moved(self, cell: IndexArray, low: Any, high: Any, known: bool) -> tuple[IndexArray, IndexArray]:
-        """The first and the last cell that each cell (M,) overlaps after its ends have moved by low and high, as
-        offsets.
+        """The first and the last cell that each cell (M,) overlaps after its ends have moved by low and high: offsets.
 
         What sticks out of a cell by no more than `DRIFT` of the scale counts as inside it. Offsets are not clipped at
         the ends of the axis, unless there are layers, but to `UNCOUNTABLE`, which undefined ones are. Where the cell is

@@ -140,7 +140,7 @@ class Packing:
         return _Swapped(cells, moves, read_only(np.ascontiguousarray(some.far[..., order])), clear)
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
-        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead, or `back`, as a new array."""
+        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead, or `back`: new."""
         counts = self.proof.cells.counts
         ends = [int(counts[self.axis]), int(counts[-1])]
         first, last = ends[::-1] if back else ends
