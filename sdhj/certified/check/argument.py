@@ -122,21 +122,23 @@ def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,) bool.
 
-    What is open after halving so many times counts as not proved.
+    Along one after the other, each `depth` times; what is open then counts as not proved.
     """
-    out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth if along.any() else 0)]
+    axes = np.flatnonzero(along)
+    out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth * axes.size)]
     while left:
         some, of, more = left.pop()
         some, of = some[:, :, out[of]], of[out[of]]
         yes, no = holds(some)
         out[of[no if more else ~yes]] = False
-        for axis in np.flatnonzero(along) if more else ():
-            some, of = some[:, :, (open_ := ~yes & out[of])], of[open_]
-            middle = some[:, axis].mean(axis=0)
-            some, of, yes = np.concatenate([some] * 2, axis=2), np.tile(of, 2), np.zeros(2 * of.size, np.bool_)
-            some[1, axis, : middle.size] = some[0, axis, middle.size :] = middle
-        begins = range(0, of.size if more else 0, SLAB)
-        left += [(some[:, :, at : at + SLAB], of[at : at + SLAB], more - 1) for at in begins]
+        if not more:
+            continue
+        axis = axes[-more % axes.size]
+        some, of = some[:, :, (open_ := ~yes & out[of])], of[open_]
+        middle = some[:, axis].mean(axis=0)
+        some, of = np.concatenate([some] * 2, axis=2), np.tile(of, 2)
+        some[1, axis, : middle.size] = some[0, axis, middle.size :] = middle
+        left += [(some[:, :, at : at + SLAB], of[at : at + SLAB], more - 1) for at in range(0, of.size, SLAB)]
     return out
 
 

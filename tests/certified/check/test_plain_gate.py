@@ -465,6 +465,7 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "(begun + begin, begun + begin)",
         "a little later",
     ),
+    "finer where it is open": ("argument", "FINENESS = 1, 8, 16", "FINENESS = (1,)", "cart"),
     "room to stay in": ("argument", "fits = ~known |", "fits = np.bool_(True) |", "less growth"),
     "all that is reached from the box": (
         "argument",
