@@ -17,12 +17,8 @@ class Options:
     A field whose default_factory is another class of options is a part of them.
     """
 
+    # before the dataclass's own, whose TypeError cannot say in which part of the options the keyword belongs
     def __new__(cls, *args: Any, **given: Any) -> Self:
-        """A new object, whose fields the dataclass then sets.
-
-        TypeError for a keyword that is none of its fields: it says in which part of the options the keyword belongs,
-        with the value checked there, or else lists the fields.
-        """
         for name, value in given.items():
             if name not in options_of(cls):
                 written = belonging_to(cls, name, value) or f"its options are {', '.join(options_of(cls))}"
@@ -31,16 +27,12 @@ class Options:
 
 
 def options_of(kind: Any) -> dict[str, Any]:
-    """The fields of a dataclass that can be given when it is made: {name: dataclasses.Field}."""
+    """The fields of a dataclass that can be given, by name."""
     return {one.name: one for one in fields(kind) if one.init}
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """Words on where an option `name` belongs, if a part of `kind` has it: "it belongs to PART=sdhj.CLASS(NAME=...)".
-
-    "" if no part has it. kind : a class of `Options`, whose parts are looked through at any depth. value : what the
-    option was given; if the part refuses it, the words go on with why.
-    """
+    """Where an option belongs that a part of `kind`, at any depth, has, and why the part refuses it, in words; or ""."""
     for part in options_of(kind).values():
         inner = part.default_factory
         if not (isinstance(inner, type) and issubclass(inner, Options)):
@@ -58,11 +50,9 @@ def belonging_to(kind: Any, name: str, value: Any) -> str:
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
-    """`value` as a finite float with least <= value <= most and value > above; ValueError, naming it, otherwise.
-
-    Booleans, text, dates and arrays are refused, even where they could be converted.
-    """
+    """A finite float with least <= value <= most and value > above; or ValueError, naming it."""
     try:
+        # float() converts these, too
         if isinstance(value, bool | np.bool_ | str | bytes | np.ndarray | np.datetime64 | np.timedelta64):
             raise TypeError
         converted = float(value)
@@ -82,7 +72,7 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value`, of shape (2,), as two finite floats, each above `above`; ValueError, naming it, otherwise."""
+    """`value`, of shape (2,), as two finite floats above `above`; or ValueError, naming it."""
     try:
         fits = np.shape(value) == (2,)
     except ValueError:  # a ragged sequence has no shape
@@ -93,10 +83,7 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
 
 
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
-    """`value` as an int with least <= value <= most (None: no limit); ValueError, naming it, otherwise.
-
-    A float without a fraction counts, 8.0 as 8; a boolean does not.
-    """
+    """An int with least <= value <= most, a float without a fraction too; or ValueError, naming it."""
     if type(value) is int and least <= value and (most is None or value <= most):  # at once
         return value
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
@@ -108,11 +95,8 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
 
 
 def plain_array(name: str, values: Any) -> NDArray[Any]:
-    """`values` as NumPy's array of any dtype, the same object if it is one.
-
-    ValueError, naming it, for rows of different lengths, and for masked arrays, whose mask NumPy would drop.
-    """
-    if isinstance(values, np.ma.MaskedArray):
+    """`values` as NumPy's array of any dtype, itself if it is one; or ValueError, naming it."""
+    if isinstance(values, np.ma.MaskedArray):  # NumPy would drop the mask
         raise ValueError(f"{name} must be real numbers, got a masked array; remove the mask, for example by filled()")
     try:
         return np.asarray(values)
@@ -121,13 +105,9 @@ def plain_array(name: str, values: Any) -> NDArray[Any]:
 
 
 def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous float64 copy of `values`, of that shape if one is given; ValueError, naming it, otherwise.
-
-    Booleans, complex numbers, dates and text are refused, though NumPy would convert some of them. NaN and infinity
-    pass.
-    """
+    """A C-contiguous float64 copy of `values`, in which NaN and infinity pass; or ValueError, naming it."""
     given = values if type(values) is np.ndarray else plain_array(name, values)
-    if given.dtype.kind not in "fiu":
+    if given.dtype.kind not in "fiu":  # NumPy would convert booleans, dates and some text
         kind = f"an array of {given.dtype}" if given.dtype.kind != "O" else reprlib.repr(values)
         raise ValueError(f"{name} must be real numbers, got {kind}")
     if shape is not None and given.shape != shape:
@@ -136,11 +116,7 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous float64 copy of `values`, all of which must be finite.
-
-    shape : which it must have; None for any. ValueError, with the `name`, for another shape, for a NaN or an infinity,
-    and for what `real_array` refuses: booleans, complex numbers, dates and text.
-    """
+    """A C-contiguous float64 copy of `values`, all finite; or ValueError, naming it."""
     array = real_array(name, values, shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
@@ -148,11 +124,7 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -
 
 
 def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A float64 copy of points (M, ndim), which may have NaN and infinities.
-
-    ValueError, with the `name`, for another shape, such as that of a single state, (ndim,), and for what are no real
-    numbers.
-    """
+    """A float64 copy of points (M, ndim), in which NaN and infinity pass; or ValueError, naming it."""
     points = real_array(name, values)
     if points.shape[1:] != (ndim,):
         raise ValueError(f"{name} must have shape (M, {ndim}), got {points.shape}; q[None] is one state")
@@ -160,11 +132,7 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A float64 copy of states (M, ndim), all of whose coordinates must be finite.
-
-    ValueError, with the `name`, for another shape, for what are no real numbers, and, with the first such state, where
-    a coordinate is NaN or infinite.
-    """
+    """A float64 copy of states (M, ndim), all finite; or ValueError, naming it and the first that is not."""
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():
         bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
@@ -181,29 +149,19 @@ def read_only_view(array: Any) -> Any:
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
-    """Raise ValueError, naming it and all that is `allowed`, unless `value` is one of these.
-
-    It must also have the type of the first of them, so 1 is not True.
-    """
-    if type(value) is not type(allowed[0]) or value not in allowed:
+    """Raise ValueError, naming it and all that is allowed, unless `value` is one of these, of the first one's type."""
+    if type(value) is not type(allowed[0]) or value not in allowed:  # 1 is not True
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
 def one_line(text: str, most: int = 500) -> str:
-    """A text, which may come from a file that nobody vouches for, as one line of printable characters.
-
-    What is not printable becomes a blank, and blanks are joined. A text of more than `most` characters is cut to its
-    first and last most / 2, with " ... " between.
-    """
+    """A text, which may come from a file that nobody vouches for, as one line of at most so many printable characters."""
     text = " ".join("".join(one if one.isprintable() else " " for one in text).split())
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 
 
 def sequence(name: str, value: Any) -> Any:
-    """`value`, unchanged, if it is a sequence, or an array with at least one axis.
-
-    ValueError, naming it, otherwise; text counts as no sequence.
-    """
+    """`value`, unchanged, if it is a sequence or an array with an axis, but no text; or ValueError, naming it."""
     scalar = isinstance(value, np.ndarray) and value.ndim == 0
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
         shown = reprlib.repr(value)
@@ -212,11 +170,7 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set as a tuple of int.
-
-    ValueError, with the set's `name`, unless they are a sequence of whole numbers. An empty one passes; whether the
-    grid has such axes is not checked, nor whether an axis occurs twice.
-    """
+    """The axes of a set as a tuple of int, which the problem checks further; or ValueError, naming the set."""
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")

@@ -14,7 +14,7 @@ PACKAGE = str(Path(__file__).parents[1])
 class ResolutionWarning(UserWarning):
     """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost.
 
-    It says by how much, and what helps: how many nodes, another function, another method.
+    It says by how much, and what helps.
 
     Examples
     --------
@@ -61,21 +61,14 @@ class ProjectionWarning(UserWarning):
 
 
 class Finding(NamedTuple):
-    """Something to be warned of; `tell` warns of it, and str() is the sentence that the user reads.
+    """Something to be warned of by `tell`; str() is the sentence that the user reads."""
 
-    cause : what is wrong, with a number: the begin of the sentence.
-    number : how much of it, in the unit that the cause names.
-    remedy : what helps: the rest of the sentence, with the separator before it.
-    kind : the category of the warning.
-    """
-
-    cause: str
-    number: float
-    remedy: str
+    cause: str  # what is wrong, with a number: the begin of the sentence
+    number: float  # how much of it, in the unit that the cause names
+    remedy: str  # what helps: the rest of the sentence, with the separator before it
     kind: type[UserWarning] = ResolutionWarning
 
     def __str__(self) -> str:
-        """The sentence: cause, then remedy."""
         return self.cause + self.remedy
 
 
@@ -84,10 +77,7 @@ _FOUND = ContextVar[list[Finding] | None]("found", default=None)
 
 @contextmanager
 def findings() -> Iterator[list[Finding]]:
-    """A context that collects findings: its value is a list, to which `tell` appends each one, in their order.
-
-    Where one context is inside another, only the list of the inner one gets them. Users are warned all the same.
-    """
+    """A context whose value is a list, to which `tell` appends each finding; users are warned all the same."""
     found: list[Finding] = []
     token = _FOUND.set(found)
     try:
@@ -97,13 +87,12 @@ def findings() -> Iterator[list[Finding]]:
 
 
 def tell(*some: Finding | None) -> None:
-    """Warn of each finding, and append it to the list of the innermost context of `findings`, if there is one.
+    """Warn of each finding that is not None, and append it to the list of the innermost context of `findings`.
 
-    The warning points at the line of the user's code that called the package. Arguments that are None are skipped.
-    Where the user has turned such warnings into errors, the first is appended and raised, and those after it are
-    neither warned of nor appended.
+    Where the user has made errors of such warnings, the first is raised, and those after it are lost.
     """
     frame, level, found = sys._getframe(1), 2, _FOUND.get()
+    # the warning points at the line of the user's code that called the package
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1
     for finding in filter(None, some):

@@ -14,29 +14,19 @@ GROUPS = {
 
 
 def available() -> tuple[int, str] | None:
-    """How many bytes this process can still allocate, and words that say which limit that is, as "are available".
-
-    It is the least that the machine, the process and its control groups leave. None if the system reports no limit at
-    all.
-    """
+    """The fewest bytes that machine, process and control groups leave, and words on which; None where none says."""
     return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, "are available") for the memory that the machine has available.
-
-    It yields nothing where there is no /proc/meminfo.
-    """
+    """Yield (bytes, "are available") for the memory that the machine has; nothing where there is no /proc/meminfo."""
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
             yield 1024 * int(line.split()[1]), "are available"
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, words that name the limit) for what is left of this process's address space.
-
-    It yields nothing if that is not limited, or the system has no /proc/self/statm.
-    """
+    """Yield (bytes, words that name the limit) for what is left of this process's address space, if that is limited."""
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
 
@@ -49,22 +39,17 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """Yield (bytes left, words that name the group) for each limited control group of the process, and those above it.
-
-    Memory that the group can reclaim counts as left. It yields nothing where there are no groups or no limits. A
-    container sees its own group as the root.
-
-    root : the folder where groups are mounted. groups : the file that names those of this process.
-    """
+    """Yield (bytes left, words that name the group) for the limited control groups of the process, and those above."""
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]
         group = root / mount / path.lstrip("/")
+        # a container sees its own group as the root
         for folder in (group, *group.parents) if kinds in ("", "memory") else ():
             limit, used = ("".join(_lines(folder / name)) for name in names)
             if limit.isdecimal() and used.isdecimal():  # else there is no such file, or no limit: "max"
                 stat = dict(entry.split() for entry in _lines(folder / "memory.stat"))
-                left = int(limit) - int(used) + int(stat.get(given_back, 0))
+                left = int(limit) - int(used) + int(stat.get(given_back, 0))  # with what the group can reclaim
                 yield max(left, 0), f"are left of the {int(limit) / 1e9:.3g} GB of the control group {folder}"
 
 
@@ -77,11 +62,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def require_memory(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
-    """Raise MemoryError if `what` needs more bytes (`needed`) than are `available`.
-
-    The message says how much is needed and left, and ends with the remedy. Up to `SPARE` bytes nothing is checked. No
-    memory is reserved.
-    """
+    """Raise MemoryError, which ends with the remedy, if `what` needs more bytes than are `available`."""
     free = available() if needed > SPARE else None
     if free is not None and needed > free[0]:
         shown = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free[0])]  # may be more than a float holds
