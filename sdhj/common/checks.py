@@ -32,7 +32,7 @@ def options_of(kind: Any) -> dict[str, Any]:
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """Where an option belongs that a part of `kind`, at any depth, has, and why the part refuses it, in words; or ""."""
+    """Where an option belongs that a part of `kind`, at any depth, has, and why the part refuses it; "" if none has."""
     for part in options_of(kind).values():
         inner = part.default_factory
         if not (isinstance(inner, type) and issubclass(inner, Options)):
@@ -155,7 +155,7 @@ def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
 
 
 def one_line(text: str, most: int = 500) -> str:
-    """A text, which may come from a file that nobody vouches for, as one line of at most so many printable characters."""
+    """A text, which may come from a file that nobody vouches for, as one line of at most `most` printable letters."""
     text = " ".join("".join(one if one.isprintable() else " " for one in text).split())
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 

@@ -10,15 +10,9 @@ KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {
 
 
 def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which arguments a user's function takes, in its order: names from `KNOWN[name]`, the first of them always
-    "points".
+    """The names that a user's function takes, in its order: first "points", whatever it is called, of u, v and t some.
 
-    name : "drift", "gain", "bounds" or "velocity". The first parameter is the state, whatever the function calls it;
-    the others are known by the names u, v and t. Of "bounds" alone the only parameter may be t: then the answer is
-    ("t",). Parameters with a default and another name are left out. A BlackBox is asked by its function.
-
-    ValueError if the function takes something else, cannot say what it takes, or is none, or if its first parameter has
-    the name of an input, disturbance or time.
+    Of bounds alone ("t",) is an answer, without the state. ValueError if the function takes something else.
     """
     known = KNOWN[name]
     expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"

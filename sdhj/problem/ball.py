@@ -23,9 +23,9 @@ class Ball:
     corners: 8 % with 8 sides, 2 % with 16, where the square of bounds=[radius, radius] is by 41 %. It is the sum of a
     segment along each of its K = sides / 2 directions, so v then has K components w of a box: the velocity is
     drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with |w_k| <= radius tan(pi / (2 K)). Adversaries choose
-    these, and `Dynamics.gain` and `bounds` are theirs. Methods "hji" and "lax", margins and the filter play the
-    polygon; projections on fewer axes and certified tables the box around it, which is that of the ball where K is
-    even. For a certified table bounds=[radius, radius] proves more: cells are aligned with it.
+    these, and `Dynamics.gain` and `bounds` are theirs. Projections on fewer axes and certified tables play the box
+    around the polygon, which is that of the ball where K is even. For a certified table bounds=[radius, radius] proves
+    more: cells are aligned with it.
 
     Where v does not enter the velocity linearly, the ball itself is played: v is then a (cos b, sin b) with |a| <=
     radius and |b| <= pi / 2, which are the two components of `problem.dynamics`, and cut into `Dynamics.pieces` each,
@@ -57,7 +57,6 @@ class Ball:
     sides: int = 8
 
     def __post_init__(self) -> None:
-        """Check radius and sides; a number becomes a float. ValueError where one does not fit."""
         if not callable(self.radius):
             object.__setattr__(self, "radius", number("radius", self.radius, least=0.0))
         if whole("sides", self.sides, least=4, most=MOST_SIDES) % 2:
@@ -65,19 +64,12 @@ class Ball:
 
     @property
     def directions(self) -> FloatArray:
-        """Unit vectors along which the K = sides / 2 pairs of sides run: (2, K).
-
-        (cos(pi k / K), sin(pi k / K)) for k = 0 to K - 1.
-        """
+        """Unit vectors (cos(pi k / K), sin(pi k / K)) along which the K = sides / 2 pairs of sides run: (2, K)."""
         angles = 2 * np.pi / self.sides * np.arange(self.sides // 2)
         return np.stack([np.cos(angles), np.sin(angles)])
 
     def bounds(self) -> Any:
-        """Half-widths radius tan(pi / (2 K)) of the K components along the sides, as `Dynamics.bounds` may be given.
-
-        An array (K,); or, for a function `radius`, a function of the same arguments -> (M, K). ValueError where the
-        radius takes other arguments than bounds may.
-        """
+        """Half-widths radius tan(pi / (2 K)) of the K components along the sides, as `Dynamics.bounds` may be given."""
         share = np.full(self.sides // 2, np.tan(np.pi / self.sides))
         if not callable(self.radius):
             return self.radius * share
@@ -86,12 +78,7 @@ class Ball:
         return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
 
     def gain(self, given: Any) -> Any:
-        """The gain of the K components along the sides, given @ `directions`: (ndim, K), or a function -> (M, ndim, K).
-
-        given : the gain of v, an array (ndim, 2), or a function that returns (M, ndim, 2); of a function, a function of
-        the same arguments is made, which raises ValueError when its answer does not have two columns. ValueError for a
-        black box and for an array of another shape.
-        """
+        """The gain of the K components along the sides, given @ `directions`: (ndim, K), or a function's answer so."""
         if isinstance(given, BlackBox):
             raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
         if callable(given):
@@ -102,37 +89,24 @@ class Ball:
         return found @ self.directions
 
     def velocity(self, given: Any) -> Any:
-        """The `given` velocity, a function that takes v (2,), as a function that takes w (K,), with v = directions @ w.
-
-        w are the K components along the sides. A velocity that does not take v is returned as it is. ValueError where
-        it takes other arguments than a velocity may (`arguments.arguments`).
-        """
+        """The `given` velocity of v as a function of the components w (K,) along the sides, with v = directions @ w."""
         axes = self.directions.tolist()
         return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
     def in_polar(self, given: Any) -> tuple[Any, Any]:
-        """The `given` velocity as a function of (a, b) in place of v = a (cos b, sin b), and the bounds (radius, pi /
-        2) of a and b.
-
-        The bounds are an array (2,), or a function of the radius's arguments -> (M, 2). A velocity that does not take v
-        is returned as it is. ValueError where it takes other arguments than a velocity may (`arguments.arguments`).
-        """
+        """The `given` velocity as a function of (a, b), v = a (cos b, sin b), and their bounds (radius, pi / 2)."""
         velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
             return velocity, np.array([radius, np.pi / 2])
 
         def most(*found: Any) -> Any:
-            """The bounds (radius, pi / 2) of a and b, (M, 2) or (2,), for the arguments of the radius."""
             far = radius(*found)
             return np.stack([far, 0.0 * far + np.pi / 2], axis=-1)
 
         return velocity, wraps(radius)(most)
 
     def _along(self, gain: Any) -> Any:
-        """The gain of the components along the sides, (..., ndim, K), from the gain (..., ndim, 2) of v, also traced.
-
-        It is gain @ `directions`. ValueError unless the last axis of the gain has length 2.
-        """
+        """gain @ `directions`, (..., ndim, K), also traced; ValueError unless the gain's last axis has length 2."""
         if gain.shape[-1] != 2:
             raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
         pairs = self.directions.T.tolist()
@@ -140,21 +114,13 @@ class Ball:
 
 
 def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
-    """The `given` velocity as a function of other components w in place of v; `given` itself if it does not take v.
-
-    given : a user's velocity, a function of the state and of some of u, v and t. disturbance : a function of w that
-    returns the list of the components of v. The result takes the arguments of `given`, with w where v stood. ValueError
-    where `given` takes other arguments than a velocity may (`arguments.arguments`).
-    """
+    """The `given` velocity as a function of w, of which `disturbance` makes v; itself if it does not take v."""
     takes = arguments("velocity", given)
     if "v" not in takes:
         return given
     place = takes.index("v")
 
     def velocity(*found: Any) -> Any:
-        """given(...) for the arguments `found`, of which the one in the position of v is w, replaced by
-        disturbance(w).
-        """
         return given(*found[:place], np.stack(disturbance(found[place])), *found[place + 1 :])
 
     return wraps(given)(velocity)

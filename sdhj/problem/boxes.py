@@ -25,27 +25,14 @@ TOGETHER = 2**20  # numbers, of functions that are kept at a time where there ar
 
 @lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
 def intervals(nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str) -> tuple[FloatArray, ...]:
-    """The arrays taps, weight, between and point of `Leaves` for the intervals [x + low, x + high] around the nodes x
-    of an axis.
+    """The arrays taps, weight, between and point of `Leaves` for intervals [x + low, x + high], in cells, at nodes x.
 
-    At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. Equal arguments
-    give the same arrays again, so callers must not write to them.
-
-    Parameters
-    ----------
-    nodes : int
-        On the whole axis.
-    periodic : bool
-    spans : tuple of (low, high)
-        The intervals, in cells.
-    limited : bool
-        Whether interpolation is linear plus t (t - 1) / 2 times the limited second difference, which is the lesser in
-        magnitude of those around the two nodes, 0 where their signs differ; else it is linear.
-    dtype : str
-        Of the weights.
+    With `limited`, t (t - 1) / 2 times the limited second difference is added: the lesser in magnitude of those around
+    the two nodes, 0 where their signs differ. Equal arguments give the same arrays again, so callers must not write to
+    them.
     """
     x = np.arange(nodes)[:, None] + np.array(spans)[:, None]  # (intervals, nodes, 2)
-    if not periodic:
+    if not periodic:  # at the ends intervals are clipped
         x = np.clip(x, 0.0, nodes - 1.0)
     left = np.floor(x) if periodic else np.minimum(np.floor(x), nodes - 2)
     t = x - left
@@ -62,10 +49,7 @@ def intervals(nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: st
 
 
 class Maxima(NamedTuple):
-    """Maxima of a grid function over some successive boxes, taken along all axes but one.
-
-    `of` takes them along the last axis.
-    """
+    """Maxima of a grid function over successive boxes along all axes but one, along which `of` takes them."""
 
     first: int  # the index of the first of these boxes
     number: int  # how many boxes there are
@@ -75,19 +59,15 @@ class Maxima(NamedTuple):
 
     @property
     def split(self) -> FloatArray:
-        """A view of the values, (functions, A, n, B), n nodes on the axis that is left, as `maximum_of_intervals` takes
-        them.
-        """
+        """A view of the values as `maximum_of_intervals` takes them, (functions, A, n, B), n nodes on the last axis."""
         count, *shape = self.values.shape
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
         return self.values.reshape(count, before, shape[self.axis], behind)
 
     def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
-        """The maxima over some of the boxes, by default all: (boxes, *shape).
+        """The maxima over some of the boxes, counted from `first`: (boxes, *shape), in place in `into` where given.
 
-        some : a slice of the boxes, counted from `first`. into : an array of the result's shape, which is not checked;
-        written in place and returned. By default a new array. raised : whether what is greater in `into` than the
-        maximum stays there; only with `into`.
+        With `raised`, what is greater in `into` stays there.
         """
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
@@ -100,23 +80,18 @@ class Maxima(NamedTuple):
 class AxisMaxima(NamedTuple):
     """The maxima that are taken along one axis: leaf i is that of function parent[i] over spans[which[i]].
 
-    spans : different intervals (low, high) around a node, in the unit of the axis. The leaves of one of these are the
-    functions of the next.
+    The leaves of one of these are the functions of the next.
     """
 
     axis: int
-    spans: Spans
+    spans: Spans  # different intervals (low, high) around a node, in the unit of the axis
     parent: tuple[int, ...]
     which: tuple[int, ...]
 
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end` (not included) of the grid.
-
-    limited : whether interpolation has the limited second difference, as for `intervals`, or is linear. dtype : of the
-    weights. Equal arguments give the same arrays again, so callers must not write to them.
-    """
+    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end`; equal arguments give equal objects."""
     axis, n = axis_maxima.axis, grid.shape[axis_maxima.axis]
     cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in axis_maxima.spans)
     found = intervals(n, grid.periodic[axis], cells, limited, dtype)
@@ -126,16 +101,12 @@ def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begi
 
 @lru_cache(maxsize=64)
 def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[AxisMaxima, ...]], ...]:
-    """In which order to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
+    """For each run of successive boxes, its first box and the `AxisMaxima` of each axis: boxes that agree share work.
 
-    The boxes are cut into runs of successive boxes; the result has (index of the first box, `AxisMaxima`) for each run.
     The axes with the fewest different intervals go first. A run is as many times eight boxes as leave at most `most`
-    functions before the last of them; the last run may be shorter. Equal arguments give the same object.
-
-    corners : the bytes of (count, ndim, 2) float64, lower and upper ends around a node in the axes' units. count : how
-    many boxes, at least one. most : at least eight.
+    functions before the last of them.
     """
-    spans = np.frombuffer(corners).reshape(count, -1, 2)
+    spans = np.frombuffer(corners).reshape(count, -1, 2)  # bytes can be remembered by, arrays cannot
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
     *others, last = sorted(range(len(different)), key=lambda axis: (bool(spans[:, axis].any()), different[axis]))
     before = np.column_stack([np.zeros(count), spans[:, others].reshape(count, 2 * len(others))])
@@ -165,25 +136,9 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j] around the nodes x, for some successive j at
-    a time.
+    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j] at the nodes x, of some successive j at once.
 
-    Parameters
-    ----------
-    grid : Grid
-    values : (*grid.shape) array
-        Lowered to `most_on_padding` where they are read.
-    low, high : (L, ndim) arrays
-        In the axes' units, L >= 1.
-    interpolation : str
-        One of `INTERPOLATIONS`, which is not checked.
-    wanted : sequence of slice, optional
-        For each axis the nodes at which maxima are wanted; by default all.
-
-    Yields
-    ------
-    Maxima
-        Of the boxes from `first` on, in their order. Its last step is left to its `of`.
+    low, high (L, ndim), in the axes' units; at the nodes `wanted`, by default all.
     """
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -200,12 +155,8 @@ def maxima(
 
 
 def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, the values of box, or input, j) for each j of groups, one after the other; `EIGHT` are computed at a
-    time.
-
-    groups : `Maxima`, or `sdhj.solver.games.Pieces`.
-    """
-    for some in groups:
+    """Yield (j, the values of box, or input, j) for each j of groups of `Maxima` or `sdhj.solver.games.Pieces`."""
+    for some in groups:  # eight are computed at a time
         for begin in range(0, some.number, EIGHT):
             yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
@@ -213,35 +164,23 @@ def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] around each node x) for j from 0 to L - 1.
-
-    values (*shape) : at the nodes. low, high (L, ndim) : in the axes' units. interpolation : one of `INTERPOLATIONS`.
-    """
+    """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] at each node x); low, high (L, ndim)."""
     return one_by_one(maxima(grid, values, low, high, interpolation))
 
 
 def crossings(half: FloatArray) -> FloatArray:
-    """Points (P, ndim) of the segment from -half to half around a node, in cells: its ends, and where it crosses planes
-    of nodes.
-
-    half (ndim,) : in cells, not all 0. The points are ascending along the segment, without repetition; coordinates
-    within 1e-9 of a whole number are rounded to it.
-    """
+    """Points (P, ndim) of the segment from -half to half, in cells: its ends, and where it crosses planes of nodes."""
     each = [np.arange(-math.floor(most), math.floor(most) + 1) / most for most in np.abs(half).tolist() if most > 0.0]
     shares = np.concatenate([[-1.0, 1.0], *each])
+    # ascending, without repetition
     points = shares[np.unique(np.round(shares, 12), return_index=True)[1], None] * half
     return np.where(np.abs(points - np.round(points)) < 1e-9, np.round(points), points)
 
 
 def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, interpolation: str) -> FloatArray:
-    """The maximum (*shape) of `values` (*shape) over x + the sum of the segments from -half to half, around each node
-    x.
+    """The maximum (*shape) of `values` over x + the sum of the segments from -half to half, halves (K, ndim).
 
-    It is taken over one segment after another, at its `crossings`. Past a wall the values are continued by that at the
-    wall, and dropped only when all segments are done.
-
-    halves (K, ndim) : in the axes' units; those that are 0 are skipped. interpolation : one of `INTERPOLATIONS`. Values
-    are lowered to `most_on_padding` first; without segments they are returned so.
+    It is taken over one segment after another. Past a wall the values are continued by that at the wall.
     """
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
@@ -258,9 +197,9 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 @lru_cache(maxsize=64)
 def most_on_padding(grid: Grid) -> FloatArray | None:
-    """What values at the nodes may be at most, (*shape): minus the distance past a safe end, +inf at nodes past none.
+    """What values may be at most, (*shape): minus the distance past a safe end, else +inf; None without padding.
 
-    None where the grid has no padding. Equal grids get the same array, which callers must not write to.
+    Equal grids get the same array, which callers must not write to.
     """
     if not np.any(grid.padding):
         return None

@@ -26,14 +26,10 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 
 def compared_states(grid: Grid) -> FloatArray:
-    """States on a grid at which functions are compared with the formulas read from them, (`COMPARED_STATES`, ndim).
-
-    They are drawn with a fixed seed, so a grid always has the same ones. Each coordinate of the first tenth of them is
-    that of a node, an end, or 0.0 or -0.0 if the axis has it.
-    """
+    """States (`COMPARED_STATES`, ndim) at which functions are compared with their formulas, the same on equal grids."""
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
-    for axis in range(grid.ndim):
+    for axis in range(grid.ndim):  # a tenth has coordinates of nodes, ends or zeros, where formulas may branch
         inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
         states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
@@ -41,37 +37,27 @@ def compared_states(grid: Grid) -> FloatArray:
 
 
 def compared_times(problem: Any) -> list[float]:
-    """The six times, s, at which functions are compared with the formulas read from them.
-
-    0 and 0.7 of an interval, and 0.31, 0.59, 0.83 and 1.01 of the time that all steps take.
-    """
+    """The six times, s, at which functions are compared with their formulas, over the first interval and all steps."""
     return [share * problem.delta for share in (0.0, 0.7)] + [
         share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
     ]
 
 
 def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
-    """Raise ValueError where a set's formulas, `level_set` and `swept`, differ from the functions that they were read
-    from.
-
-    They are compared at `compared_states` and `compared_times` (`formula.compare`). The functions are then forgotten,
-    in place, so the next problem that has the set does not compare it again. Black boxes are not compared.
-    """
+    """Raise ValueError where `level_set` or `swept` differs from the function that it was read from."""
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
         if isinstance(formula, Formula) and (function := formula.source):
             for when in each:
                 compare(formula, function, states, *when)
-            formula.forget_source()
+            formula.forget_source()  # the next problem that has the set does not compare it again
 
 
 def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
     """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval.
 
-    The two are compared, by more than `EXCUSED` of the values, in `SWEPT_STATES` states drawn with a fixed seed, at
-    `INSTANTS` of the interval of each step; of more steps than `SWEPT_STATES`, at so many of them. The set must have
-    `swept`, and the problem a number of steps.
+    They are compared in `SWEPT_STATES` states, at `INSTANTS` of the interval of each step, or of as many of the steps.
     """
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
@@ -99,10 +85,7 @@ def check_inputs(problem: Any) -> None:
 
 
 def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
-    """Which of the points (M, ndim) are in the target and in no unsafe set, at any time of the step: (M,) bool.
-
-    ValueError where a function is undefined there, or out of the range of single precision.
-    """
+    """Which of the points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,) bool."""
     t, jitter, points = problem.time(step), problem.sensing.jitter, problem.grid.wrapped(points)
     inside = np.ones(len(points), np.bool_)
     for part in problem.all_sets:
@@ -121,14 +104,12 @@ def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
 def try_goals(problem: Any) -> None:
     """Raise ValueError, with the likely cause, where at no step some node is in the target and safe.
 
-    Also raised, as nodes are looked at, where a function is undefined or out of range. Pieces of the grid come in a
-    random order with a fixed seed, up to the first that has such a node. Of more than `MOST_LOOKED_AT` pieces, `DRAWN`
-    of them are looked at, and finding no such node is then no error.
+    Of more than `MOST_LOOKED_AT` pieces of the grid, `DRAWN` are looked at, and finding no such node is then no error.
     """
     steps, target = range(1 if problem.time_invariant else problem.steps + 1), problem.target
     count, rng = int(np.prod(problem.grid.piece_shape[1])), np.random.default_rng(0)
     order = rng.permutation(count) if count <= MOST_LOOKED_AT else rng.integers(count, size=DRAWN)
-    for points in problem.grid.pieces(order):
+    for points in problem.grid.pieces(order):  # up to the first that has such a node
         if any(in_goal(problem, points, step).any() for step in steps):
             return
     if count > MOST_LOOKED_AT:
@@ -148,13 +129,7 @@ def try_goals(problem: Any) -> None:
 
 
 def check_sensing(problem: Any) -> None:
-    """Raise ValueError where the sensing does not fit grid, inputs, delta, dynamics, ends or target.
-
-    That is: `error` has another number of axes; `rest` is no input; delay + 2 jitter is longer than delta; with jitter,
-    dynamics or target depend on time, or view_time is "instantaneous"; an end is "safe"; or around no node the corners
-    of the box of 2 E (`ReachAvoidProblem.half_widths`) are in the target and safe. The last is not looked at where the
-    grid does not fit into memory, which a solve refuses. problem : must have a `Sensing`.
-    """
+    """Raise ValueError where the sensing does not fit grid, inputs, delta, dynamics, ends or target."""
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
@@ -183,14 +158,11 @@ def check_sensing(problem: Any) -> None:
 
 
 def _some_box_in_goal(problem: Any, points: FloatArray, step: int) -> bool:
-    """Whether for one of the points (M, ndim) at least it and all corners of the box of 2 E around it are `in_goal`.
-
-    Corners are clipped at walls, and past an unsafe end they are not.
-    """
+    """Whether of some of the points (M, ndim) all corners of the box of 2 E around it are `in_goal`."""
     points = points[in_goal(problem, points, step)]
     for off in 2 * problem.half_widths[0] * np.array([*product((-1.0, 1.0), repeat=problem.grid.ndim)]):
         corners = problem.grid.clipped(points + off)
-        inside = ~problem.grid.beyond(corners, "fails")
+        inside = ~problem.grid.beyond(corners, "fails")  # at walls they are clipped
         inside[inside] = in_goal(problem, corners[inside], step)
         points = points[inside]
     return len(points) > 0

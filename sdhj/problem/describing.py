@@ -18,13 +18,7 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 
 
 def described(problem: Any) -> dict[str, Any]:
-    """The problem as plain numbers, lists and text (JSON), for the head of a file.
-
-    The entries of `ReachAvoidProblem.numbers`; "problem", its name; and "formulas", with the entries "format", the
-    version of the text; "functions", {name: how many coordinates and parameters, and the lines of text} of each
-    formula; "opaque", {name: words on what is declared} of each black box; and "pieces", into how many the range of
-    each component of v is cut, only where that matters and is not the default.
-    """
+    """The problem as plain numbers, lists and text (JSON), for the head of a file: its `numbers`, name and formulas."""
     functions = {}
     for name, lines in problem.texts[0].items():
         one: Any = problem.functions[name]
@@ -36,20 +30,15 @@ def described(problem: Any) -> dict[str, Any]:
 
 
 def arrays_of(problem: Any) -> dict[str, FloatArray]:
-    """The arrays that belong to a description, by the names that a file gives them.
-
-    "tables/0", "tables/1", ...: the tables that formulas look up, shared with these. "opaque/NAME": `blackbox_values`
-    of each black box, which is called for them.
-    """
+    """The arrays of a description, by a file's names: tables of formulas, and values of black boxes, called anew."""
     tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
     return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
 
 
 def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of the description of a problem and of its arrays: problems that share it have one table.
+    """SHA-256, hexadecimal, of a problem by `described` and `arrays_of`: problems that share it have one table.
 
-    head : from `described`; its entries `TOLD` count, names included. One error of measurement for all axes counts as
-    the same error given for each. arrays : from `arrays_of`, {name: array}; compared as float64.
+    The entries `TOLD` count, names included. One error of measurement counts as the same error given for each axis.
     """
     said: dict[str, Any] = {name: head[name] for name in TOLD}
     if "error" in said["sensing"]:
@@ -63,12 +52,7 @@ def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
 
 
 def blackbox_values(problem: Any, name: str) -> FloatArray:
-    """Values of a black box, flattened: by them a file tells it from another function.
-
-    name : of the black box in `ReachAvoidProblem.functions`. It is called at `VALUES_KEPT` / `BOX_STEPS` random states
-    on the grid of its axes, drawn with a fixed seed, at each of `BOX_STEPS` times from 0 on, evenly apart within the
-    problem's steps: a drift or gain under one input at each time, input 0 first; `swept` over [t, t + delta].
-    """
+    """Values of a black box at seeded states and times, flattened: by them a file tells it from another function."""
     function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):
         part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]
@@ -76,6 +60,7 @@ def blackbox_values(problem: Any, name: str) -> FloatArray:
     states, found = rng.uniform(grid.lower, grid.upper, (VALUES_KEPT // BOX_STEPS, grid.ndim)), []
     for step in range(BOX_STEPS):
         t = step * problem.delta * problem.most_steps / BOX_STEPS
+        # a drift or gain under another input each time, `swept` over one interval
         given: tuple[Any, ...] = (problem.inputs[step % len(problem.inputs)], t) if name in ("drift", "gain") else (t,)
         given = (t, t + problem.delta) if name.startswith("swept") else given
         found.append(function(states, *given).ravel())

@@ -38,8 +38,7 @@ class Dynamics:
     Parameters
     ----------
     inputs : (L, m) array
-        The quantised inputs u_j, at most 65,536. Memory and time, which grow with their number, are
-        said before a solve.
+        The quantised inputs u_j, at most 65,536.
     drift : (L, ndim) array, or function of (points (M, ndim), u (m,), t) -> (M, ndim)
         Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
     gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D), optional
@@ -63,10 +62,9 @@ class Dynamics:
     -----
     Functions are read once, as formulas (`sdhj.formulas`), when a `ReachAvoidProblem` is made; the time t is in s, from
     step 0 on. The first parameter is the state, whatever it is called, and the others are known by the names u, v and
-    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`. The state may not: it is an unused first
-    parameter where nothing depends on it, `drift(q, u, t)` with one value for all states, without the leading dimension
-    M, and no first parameter is called u, v or t. Only `bounds(t)` may be without it. Coordinates on periodic axes are
-    wrapped into the grid before a velocity is evaluated.
+    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`. The state may not, but in `bounds(t)`: where
+    nothing depends on it, `drift(q, u, t)` returns one value for all states, without the leading dimension M. No first
+    parameter is called u, v or t. Coordinates on periodic axes are wrapped before a velocity is evaluated.
 
     Examples
     --------
@@ -95,12 +93,7 @@ class Dynamics:
     _parts: dict[str, tuple[Any, Formula]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check inputs, functions and arrays.
-
-        Arrays become read-only copies, and a `Ball` the components along its sides. With a ball and a velocity, a
-        second Dynamics, `_polar`, has v in polar coordinates, in case v does not enter linearly. ValueError where
-        something does not fit.
-        """
+        # arrays become read-only copies, so that no later write changes what was read
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
             few = ", ".join(f"[{value:g}]" for value in inputs.ravel()[:3]) + ", ..." * (inputs.size > 3)
@@ -119,6 +112,7 @@ class Dynamics:
         if isinstance(ball := self.bounds, Ball):  # from here on, its sides are components
             if self.velocity is not None and not isinstance(self.velocity, BlackBox):
                 velocity, most = ball.in_polar(self.velocity)
+                # in case v does not enter linearly
                 polar = Dynamics(inputs, velocity=velocity, bounds=most, pieces=self.pieces)
                 object.__setattr__(self, "_polar", polar)
             name = "gain" if self.velocity is None else "velocity"
@@ -140,12 +134,7 @@ class Dynamics:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
     def read(self, ndim: int) -> "VectorField":
-        """The dynamics of a state of `ndim` coordinates, with functions read as formulas.
-
-        A `velocity` in which v enters linearly is taken apart into drift and gain; otherwise the gain is None, and the
-        drift also reads v. Bounds that depend on the state become 1, and the gain, or v in the velocity, is multiplied
-        by them. The functions and their formulas are kept with this object, in place of those of the last call, for
-        `compare`.
+        """The dynamics of a state of `ndim` coordinates, as formulas; the functions are kept here for `compare`.
 
         ValueError if an array or a function does not fit, or a function cannot be read (`sdhj.NotTraced`).
         """
@@ -156,6 +145,7 @@ class Dynamics:
         D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
+            # drift and gain where v enters linearly; else there is no gain, and the drift also reads v
             parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
                 if self._polar is not None:
@@ -178,42 +168,25 @@ class Dynamics:
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
     def compare(self, vector_field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
-        """Raise ValueError where a user's function has other values than the formula that `read` made of it.
-
-        All functions that the last `read` kept are compared, each under input 0 at all times and under every other
-        input at one of them, with one v, whose components are evenly apart from -0.5 to 0.5.
-
-        vector_field : what that `read` returned. states : (M, ndim). times : s, at least one.
-        """
+        """Raise ValueError where a function that the last `read` kept has other values than the formula made of it."""
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
+            # input 0 at all times, every other one at one of them
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
                 u, v = self.inputs[j], np.linspace(-0.5, 0.5, vector_field.disturbance_dim)
 
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
                 ) -> Any:
-                    """The user's function at points (M, ndim), time t and the components of v, broadcast to (M, *one).
-
-                    u : the input, and one : the shape for one point; both are those of this pass of the loop.
-                    """
                     values = np.asarray(_call_with_taken(function, takes, points, read_only_view(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
-        """The field `name` ("drift", "gain", "bounds" or "velocity") as a formula with results (L, *shape), or as a
-        BlackBox.
+        """The field `name` as a formula with results (L, *shape), kept in `_parts` with its function, or as a BlackBox.
 
-        A formula that is read from a function is added to `_parts`, with the function. Where the user gave no gain and
-        bounds, they are 0, for one component of v.
-
-        shape : of the answer for one point; None for bounds, which may have any number of components. components : how
-        many v has, for a velocity.
-
-        ValueError where the answer has another shape, a velocity is a black box, or all inputs together take more
-        operations than a file keeps.
+        The bounds have shape None: any number of components.
         """
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
@@ -236,7 +209,6 @@ class Dynamics:
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
 
         def taken(u: FloatArray, rows: int) -> list[Any]:
-            """The arguments of a traced call under input u (m,), those in `takes`, for as many points as `rows`."""
             return _arguments_taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
@@ -260,19 +232,13 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
-    """The gain for |v_d| <= 1 under each input, at traced points (M, ndim) and time t: (M, L, ndim, D).
-
-    gain_{id} |bounds_d|, both formulas with results (L, ndim, D) and (L, D).
-    """
+    """The gain for |v_d| <= 1, gain_{id} |bounds_d|, at traced points (M, ndim): (M, L, ndim, D)."""
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
 def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """The velocity for v in units of its bounds under each input, at traced points (M, ndim) and time t: (M, L, ndim).
-
-    f(q, t, v_1 |bounds_1|, ..., v_D |bounds_D|). velocity : a formula with results (L, ndim). bounds : one with results
-    (L, D), that depends on no state: it is read at the first point. v : D traced numbers.
-    """
+    """The velocity for |v_d| <= 1, f(q, t, v_d |bounds_d|), at traced points (M, ndim): (M, L, ndim)."""
+    # bounds depend on no state, so they are read at the first point
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
@@ -286,10 +252,8 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 class VectorField(Remembering):
     """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
 
-    It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`velocity_bounds`, `extremes`), and
-    says what they depend on (`reads`, `pushes`, `depends_on_time`, `constant`, `stateless`). Points must have
-    coordinates on periodic axes wrapped into the grid. It is immutable; what follows from its parts is made once, at
-    first use.
+    It evaluates velocities, bounds them, and says what they depend on, at points whose coordinates on periodic axes are
+    wrapped into the grid. It is immutable; what follows from its parts is made once, at first use.
     """
 
     inputs: FloatArray  # (L, m), the input vectors u_j
@@ -311,26 +275,19 @@ class VectorField(Remembering):
 
     @cached_property
     def constant(self) -> bool:
-        """Whether velocities are drift_j + gain v with constants: drift, gain and bounds, of which only the drift
-        depends on the input.
-        """
+        """Whether velocities are drift_j + gain v with constants, of which only the drift depends on the input."""
         fixed = self.formulas and all(one.op == "const" for part in self.parts for one in part.outputs)
         return fixed and self.gain is not None and self.shared_gain
 
     @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Drift (L, ndim), gain (ndim, D) and bounds (D,) as arrays, read-only, made once.
-
-        Only where the dynamics are `constant`.
-        """
+        """Drift (L, ndim), gain (ndim, D) and bounds (D,) as arrays, where the dynamics are `constant`."""
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
         return drift, gain[0], bounds[0]
 
     @cached_property
     def stateless(self) -> bool:
-        """Whether velocities do not depend on the state, under any input; a black box does unless `reads` is empty.
-        Made once.
-        """
+        """Whether velocities do not depend on the state, under any input; a black box does unless `reads` is empty."""
         return not self.reads.any()
 
     @cached_property
@@ -345,19 +302,15 @@ class VectorField(Remembering):
 
     @cached_property
     def shared_gain(self) -> bool:
-        """Whether gain and bounds are the same formulas for every input.
-
-        False for a black box, and where v does not enter linearly.
-        """
+        """Whether gain and bounds are the same formulas for every input; a black box never is."""
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
     @kept
     def pushes(self) -> FloatArray:
-        """Whether component d of v moves axis i under input j, (L, ndim, D) bool, read-only, made once.
+        """Whether component d of v moves axis i under input j, (L, ndim, D) bool: neither gain nor bound is a zero.
 
-        It does where neither entry (i, d) of the gain nor bound d is the constant 0. All True where the gain is a black
-        box or None.
+        All True where the gain is a black box or None.
         """
         if not isinstance(self.gain, Formula):
             return np.ones((len(self.inputs), self.ndim, self.disturbance_dim), np.bool_)
@@ -366,14 +319,11 @@ class VectorField(Remembering):
 
     @kept
     def reads(self) -> FloatArray:
-        """Whether the velocity along axis i may depend on coordinate k, under any input: (ndim, ndim) bool, read-only,
-        made once.
-
-        Entries of the gain with which v does not push (`pushes`) do not count.
-        """
+        """Whether the velocity along axis i may depend on coordinate k, under any input: (ndim, ndim) bool."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)
         for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
+                # entries of the gain with which v does not push do not count
                 read = part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim) & moved
                 out |= read.any(axis=(0, 2))
             elif part is not None:
@@ -381,10 +331,7 @@ class VectorField(Remembering):
         return out
 
     def couples(self, axes: Sequence[int]) -> bool:
-        """Whether some component of v moves more than one of these axes, so that their velocity set is no box.
-
-        False where v does not enter linearly. Of constant dynamics, pushes below 1e-12 of the greatest do not count.
-        """
+        """Whether a component of v, entering linearly, moves several of these axes: their velocity set is no box."""
         moved = self.pushes[:, list(axes)].any(axis=0)
         if self.constant:
             pushed = np.abs(self.arrays[1])[list(axes)] * self.arrays[2]
@@ -392,10 +339,9 @@ class VectorField(Remembering):
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
     def pieces_of_components(self, axes: Sequence[int]) -> tuple[int, ...]:
-        """Into how many pieces the range of each component of v is cut, (D,): `pieces` or 1.
+        """Into how many pieces the range of each component of v is cut, (D,); the velocity set is their union.
 
-        `pieces` where v does not enter linearly and the component moves more than one of these axes. The velocity set
-        is then the union of boxes, one for each combination of pieces.
+        One piece where v enters linearly, or the component moves but one of these axes.
         """
         if self.gain is not None:
             return (1,) * self.disturbance_dim
@@ -404,10 +350,7 @@ class VectorField(Remembering):
 
     @cached_property
     def _moved(self) -> FloatArray:
-        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D) bool.
-
-        Made once. It does where the formula of that velocity reads it.
-        """
+        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D) bool."""
         each = [[leaves([one], "p") for one in row.outputs] for row in self.functions_by_input["drift"]]
         return np.array([[[1 + d in one for d in range(self.disturbance_dim)] for one in row] for row in each])
 
@@ -418,11 +361,9 @@ class VectorField(Remembering):
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
-        """The indices d of the components of v that move more than one axis, each of which adds a segment to the
-        velocity set; ascending.
+        """The components d of v that move several axes, each of which adds a segment to the velocity set; ascending.
 
-        () where v does not enter linearly, or gain or bounds depend on time. Of constant dynamics, pushes below 1e-12
-        of the greatest do not count. Made once.
+        () where v does not enter linearly, or gain or bounds depend on time.
         """
         if (
             self.gain is None
@@ -438,23 +379,15 @@ class VectorField(Remembering):
         return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
-        """The dynamics with states clipped to [lower, upper], (ndim,) each, before drift and gain are evaluated.
-
-        Past an end the state moves as at the end; velocities are not changed. -inf and inf where an axis has no end.
-        """
+        """The dynamics with states clipped to [lower, upper], (ndim,) each: past an end states move as at the end."""
         gain = self.gain and self.gain.clipped(lower, upper)
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some of the axes, numbered anew in the order of `axes`.
-
-        axes : those that are kept. lower (ndim,) : the values of the coordinates that are left out. The velocities of
-        these axes must read no other coordinate, which is not checked. A black box loses its enclosure.
-        """
+        """The dynamics of some axes, numbered anew, the others at `lower` (ndim,), which must not matter to these."""
         keep = list(axes)
 
         def full(points: Any) -> Any:
-            """Points (M, len(axes)) as points (M, ndim), with the entries of `lower` on the other axes."""
             elsewhere = 0.0 * points[:, 0]
             columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
             return np.stack(columns, axis=1)
@@ -462,10 +395,6 @@ class VectorField(Remembering):
         put = {leaf("x", k): leaf("x", keep.index(k)) if k in keep else constant(lower[k]) for k in range(self.ndim)}
 
         def some(part: Any) -> Any:
-            """Drift or gain (`part`) with its components along `axes` alone, of points (M, len(axes)).
-
-            A formula gives a formula, a black box a black box, None gives None.
-            """
             if part is None:
                 return None
             if isinstance(part, Formula):
@@ -474,15 +403,12 @@ class VectorField(Remembering):
                 return Formula(outputs, len(keep), part.parameters, entries.shape, part.name)
 
             def of_some(points: Any, *given: Any) -> Any:
-                """The components along `axes` of the part, at points (M, len(axes)).
-
-                given : what the part takes besides, as inputs and the time.
-                """
                 return part.function(full(points), *given).take(keep, 1)
 
             reads = part.reads and tuple(keep.index(axis) for axis in part.reads if axis in keep)
             slope = None if part.slope is None else np.broadcast_to(part.slope, (self.ndim,) * 2)[np.ix_(keep, keep)]
             shape = (len(keep), *part.shape[1:])
+            # an enclosure is of all axes
             return replace(part, function=of_some, reads=reads, slope=slope, enclosure=None, shape=shape)
 
         bounds = replace(self.bounds, coordinates=len(keep))
@@ -494,39 +420,29 @@ class VectorField(Remembering):
 
     @kept
     def functions_by_input(self) -> dict[str, list[Any]]:
-        """Drift, gain and bounds under one input at a time: {"drift": [of input 0, of input 1, ...], "gain": ...,
-        "bounds": ...}.
+        """{"drift": [of input 0, of input 1, ...], "gain": ..., "bounds": ...}: (ndim,), (ndim, D) and (D,).
 
-        Each is a Formula or BlackBox with results (ndim,), (ndim, D) and (D,). "gain" is missing where v does not enter
-        linearly: there the drift is the whole velocity, with the components of v as parameters after the time. Sealed,
-        made once.
+        Where v does not enter linearly "gain" is missing, and the drift is the whole velocity, of v after the time.
         """
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
         rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, index: int) -> Formula:
-        """One number of "drift", "gain" or "extremes" (`name`) under input j as a formula with one result; made once.
-
-        index : of the number in the flattened results, (ndim,), (ndim, D) or (2, ndim). Only where the dynamics have no
-        black box; "gain" and "extremes" only where v enters linearly.
-        """
+        """Number `index` of the flattened "drift", "gain" or "extremes" under input j as a formula with one result."""
         found = (self.extremes_of if name == "extremes" else self.functions_by_input[name])[j]
         return self.remembered((name, j, index), lambda: replace(found, outputs=(found.outputs[index],), shape=()))
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
-        """Velocity under input j (an index) with v = 0, at points (M, ndim) and time t in s: (M, ndim).
-
-        Points and t may be traced. ValueError where a velocity is undefined.
-        """
+        """Velocity under input j (an index) with v = 0, at points (M, ndim) and time t in s, also traced: (M, ndim)."""
         still = [0.0] * self.disturbance_dim if self.gain is None else []
         return self.functions_by_input["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
-        """The gain of v under input j (an index), at points (M, ndim) and time t, s: (M, ndim, D).
+        """The gain of v under input j at points (M, ndim) and time t, s: (M, ndim, D).
 
-        Where v does not enter linearly: by how much the velocity changes from one end of the range of each component to
-        the other, the other components being 0, over the range's length; 0 where that is 0.
+        Where v does not enter linearly: the mean slope of the velocity over the range of each component, the others
+        being 0.
         """
         if self.gain is not None:
             return self.functions_by_input["gain"][j](points, t)
@@ -539,10 +455,7 @@ class VectorField(Remembering):
         return np.stack(columns, axis=2)
 
     def velocity_at(self, points: Any, j: int, v: Any, t: Any) -> Any:
-        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim) and time t: (M, ndim).
-
-        Also traced. That v is within its bounds is not checked.
-        """
+        """Velocity under input j and any v, (D,) or (M, D), at points (M, ndim) and time t, also traced: (M, ndim)."""
         each = np.broadcast_to(v, (len(points), self.disturbance_dim))
         if self.gain is not None:
             return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
@@ -550,23 +463,16 @@ class VectorField(Remembering):
 
     @cached_property
     def _with_disturbance(self) -> list[Formula]:
-        """The velocity under each input as a formula of ndim + D coordinates, state and v, and of the time; made once.
-
-        Only where v does not enter linearly.
-        """
+        """The velocity under each input as a formula of state, v and time, where v does not enter linearly."""
         ndim, count = self.ndim, self.ndim + self.disturbance_dim
 
         def velocity(one: Formula, points: Any, t: Any) -> Any:
-            """The velocity `one` (M = 1, ndim) at a traced point (1, ndim + D), whose last coordinates are v."""
             return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
 
         return [Formula.traced("velocity", partial(velocity, one), count) for one in self.functions_by_input["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
-        """Half-widths of the box of v under input j at time t, (D,), a new array; ValueError where one is below 0.
-
-        Bounds that do not depend on time are evaluated once for each input.
-        """
+        """Half-widths of the box of v under input j at time t, (D,), a new array; ValueError where one is below 0."""
         known: dict[int, FloatArray] = self.remembered("bounds", dict)
         if j in known:
             return known[j].copy()
@@ -579,10 +485,9 @@ class VectorField(Remembering):
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
-        """A formula for each input: of a state and the time, with results (2, ndim).
+        """For each input a formula of the extreme velocities over all v, drift -+ sum_d |gain_d| |bounds_d|: (2, ndim).
 
-        They are the least and the greatest velocity along each axis over all v, drift -+ sum_d |gain_d| |bounds_d|.
-        Only where v enters linearly and there are no black boxes. Made once.
+        Only where v enters linearly and there are no black boxes.
         """
         found, parts = [], self.functions_by_input
         for drift, gain, bounds in zip(parts["drift"], parts["gain"], parts["bounds"], strict=True):
@@ -596,21 +501,16 @@ class VectorField(Remembering):
         return tuple(found)
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
-        """drift -+ sum_d |gain_d| |bounds_d| under input j, at points (M, ndim) and time t: the extremes over all v,
-        (M, 2, ndim).
-
-        Only where v enters linearly; formulas have `extremes_of`.
-        """
+        """As `extremes_of`, of black boxes: drift -+ sum_d |gain_d| |bounds_d| at points (M, ndim), (M, 2, ndim)."""
         drift, bounds = self.drift_at(points, j, t), self.functions_by_input["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
         return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
-        """Least and greatest velocity along each axis under input j over all v, at points (M, ndim) and time t: (M, 2,
-        ndim).
+        """Least and greatest velocity along each axis under input j over all v, at points (M, ndim): (M, 2, ndim).
 
-        Exact where v enters linearly; else bounds by intervals, perhaps wider, and ValueError where a velocity may be
-        undefined for some v.
+        Exact where v enters linearly; else bounds by intervals, and ValueError where a velocity may be undefined for
+        some v.
         """
         if self.gain is None:
             low, high = self.velocity_bounds(j, points, points, (t, t))
@@ -623,11 +523,9 @@ class VectorField(Remembering):
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
     def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
-        """Lower and upper bounds, (M, ndim) each, of the velocity under input j over M boxes of states and an interval
-        of time.
+        """Bounds, (M, ndim) each, of the velocity under input j over M boxes of states and `time`, (begin, end).
 
-        low, high (M, ndim) : corners of the boxes. time : (begin, end), s. The bounds are -inf and inf where a velocity
-        may be undefined; ValueError where a black box does not declare enough.
+        -inf and inf where it may be undefined; ValueError where a black box does not declare enough.
         """
         if not self.formulas:
             return self._declared(j, low, high, time)
@@ -638,12 +536,9 @@ class VectorField(Remembering):
         return least[:, 0], greatest[:, 1]
 
     def greatest_along(self, points: FloatArray, j: int, t: float, directions: FloatArray) -> FloatArray:
-        """An upper bound on n . velocity over all v, for each direction n, under input j at points (M, ndim): (M, K).
+        """An upper bound on n . velocity over all v, for directions n (K, ndim), at points (M, ndim): (M, K).
 
-        It is the maximum over the boxes of velocities of all combinations of pieces of v (`pieces_of_components`). Only
-        where v does not enter linearly, which is not checked. ValueError where a velocity may be undefined.
-
-        directions (K, ndim) : the vectors n, of any length. t : the time, s.
+        It is the maximum over the boxes of velocities of all pieces of v, where v does not enter linearly.
         """
         ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
         nodes = [
@@ -662,22 +557,14 @@ class VectorField(Remembering):
         return found
 
     def disturbance_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> FloatArray:
-        """Least and greatest v under input j in an interval (begin, end), s: -+ the greatest half-widths, (2, D).
-
-        low, high (M, ndim) : any boxes, at least one; bounds depend on no state.
-        """
+        """Least and greatest v under input j in an interval (begin, end), s: -+ the greatest half-widths, (2, D)."""
+        # bounds depend on no state, so any box does
         ends = np.array(self.functions_by_input["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         most = np.abs(ends).max(axis=0)
         return np.stack([-most, most])
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
-        """As `velocity_bounds`, where drift or gain is a black box: bounds by what is declared, rounded outward.
-
-        Bounds of the drift + sum_d of the least and of the greatest gain_d v_d, (M, ndim) each.
-
-        j : the input's index. low, high (M, ndim) : corners of boxes of states. time : (begin, end), s. ValueError
-        where a black box declares too little.
-        """
+        """As `velocity_bounds`, where drift or gain is a black box: by what is declared, rounded outward."""
         drift, gain = (self.functions_by_input[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance_bounds(j, low, high, time)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
@@ -686,17 +573,11 @@ class VectorField(Remembering):
 
 
 def _arguments_taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
-    """The arguments of a call of a function that takes some of points, u, t and v: those, in the function's order.
-
-    takes : their names, from `arguments.arguments`.
-    """
+    """Those of points, u, t and v that a function takes, in its order."""
     known = {"points": points, "u": u, "t": t, "v": v}
     return [known[one] for one in takes]
 
 
 def _call_with_taken(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
-    """The answer of a function that takes some of points, u, t and v.
-
-    takes : the names of those that it takes, in its order. given : points, u, t and perhaps v, in this order.
-    """
+    """The answer of a function to those of points, u, t and v that it takes."""
     return function(*_arguments_taken(takes, *given))

@@ -17,11 +17,10 @@ class End:
     fails : bool
         Whether a state beyond has failed: what lies beyond is an unsafe set, with an avoid tube of its own.
     holds : bool
-        Whether no state gets beyond: states, and the boxes around them, are clipped at the end, and a function on the
-        grid has beyond it the value that it has at it.
+        Whether no state gets beyond: states, and the boxes around them, are clipped at the end, where a function on the
+        grid has the value for beyond.
     frees : bool
-        Whether a state beyond is out of danger for good: games are played on nodes past the end, where values are below
-        0.
+        Whether a state beyond is out of danger for good: games are played on nodes past the end, with values below 0.
     """
 
     name: str

@@ -88,13 +88,9 @@ class Grid(Remembering):
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
+        # the spacing, to the bit, and the nodes added, of a grid that goes past another one
         _past: tuple[Sequence[float], Sequence[Sequence[int]]] | None = None,
     ) -> None:
-        """Check the arguments, which are those of the class, and write them out for each axis.
-
-        _past : (spacing, added) of a grid that goes past another one, at its spacing to the bit; given by this class.
-        ValueError, with the argument and mostly the axis, where one does not fit.
-        """
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
@@ -138,9 +134,7 @@ class Grid(Remembering):
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes needed to sample a function at all nodes, in `pieces`: three float64 copies of the values, and room for
-        one piece.
-        """
+        """Bytes to sample a function in `pieces`: three float64 copies of its values, and room for a piece."""
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     def nodes(self, axis: int) -> FloatArray:
@@ -182,10 +176,7 @@ class Grid(Remembering):
         return self._points([slice(None)] * self.ndim)
 
     def wider(self, by: Sequence[Sequence[int]], ends: Sequence[Any] | str = "wall") -> "Grid":
-        """The grid with (before, behind) = by[axis] more nodes on each axis, at the same spacing to the bit.
-
-        ends : what its own ends are, as for a new grid. Of periodic axes by[axis] must be (0, 0), which is not checked.
-        """
+        """The grid with (before, behind) = by[axis] more nodes on each bounded axis, at the same spacing to the bit."""
         past, nodes = np.array(by).T * self.spacing, (np.sum(by, axis=1) + self.shape).tolist()
         lower, upper = (self.lower - past[0]).tolist(), (self.upper + past[1]).tolist()
         added = np.array(self.added) + by
@@ -193,16 +184,13 @@ class Grid(Remembering):
 
     @property
     def piece_shape(self) -> tuple[int, tuple[int, ...]]:
-        """How many nodes of one axis are in a piece, and how many pieces there are along that axis and those before."""
+        """How many nodes of one axis are in a piece, and how many pieces are along that axis and those before it."""
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
         some = PIECE // math.prod(self.shape[axis + 1 :])
         return some, (*self.shape[:axis], -(-self.shape[axis] // some))
 
     def pieces(self, order: Iterable[int] | None = None) -> Iterator[FloatArray]:
-        """Yield the nodes' points, at most `PIECE` of them at a time, in their order: (M, ndim) float64.
-
-        order : the numbers of the pieces that are meant; by default all, one after the other.
-        """
+        """Yield the nodes' points, at most `PIECE` at a time, (M, ndim) float64: all pieces, or those in `order`."""
         some, places = self.piece_shape
         for which in range(math.prod(places)) if order is None else order:
             *rows, place = map(int, np.unravel_index(which, places))
@@ -220,15 +208,6 @@ class Grid(Remembering):
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
 
-        Parameters
-        ----------
-        axes : sequence of int
-            Those that are kept.
-
-        Returns
-        -------
-        Grid
-
         Raises
         ------
         IndexError
@@ -243,7 +222,7 @@ class Grid(Remembering):
         return self.remembered(("subgrid", *axes), lambda: self._subgrid(axes))
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        """A new grid of these axes, with the nodes added to them: what `subgrid`, which keeps it, returns."""
+        """A new grid of these axes, which `subgrid` keeps, with the nodes added to them."""
         each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
         past = [self.spacing[axis] for axis in axes], [self.added[axis] for axis in axes]
         lower, upper, shape, periodic, names, ends = ([one[axis] for axis in axes] for one in each)
@@ -251,9 +230,7 @@ class Grid(Remembering):
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): all `added`
-        there.
-        """
+        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): all `added`."""
         frees = self.ends_where("frees").T
         return tuple((low * bool(a), high * bool(b)) for (low, high), (a, b) in zip(self.added, frees, strict=True))
 
@@ -265,8 +242,7 @@ class Grid(Remembering):
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
         """Values (*shape) at the first and at the second node of every edge between neighbours along an axis.
 
-        Two arrays with one node less along the axis; on a periodic axis with as many, as its last edge leads to the
-        first node. They are views, but for the second array on a periodic axis, which is a copy.
+        Views, but for a copy on a periodic axis, whose last edge leads to the first node.
         """
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
@@ -295,8 +271,6 @@ class Grid(Remembering):
 
         Examples
         --------
-        A function of the second axis, on both:
-
         >>> import sdhj
         >>> grid = sdhj.Grid([0.0, -1.0], [1.0, 1.0], [6, 5])
         >>> grid.lift(grid.nodes(1), [1]).shape
@@ -305,10 +279,7 @@ class Grid(Remembering):
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim), also traced ones, with coordinates on periodic axes wrapped into [lower, upper).
-
-        A new array; the points themselves where no axis is periodic. The shape is not checked.
-        """
+        """Points (M, ndim), also traced, with coordinates on periodic axes wrapped into [lower, upper): a new array."""
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):
@@ -320,20 +291,13 @@ class Grid(Remembering):
 
     @kept
     def _ends(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Lower ends, upper ends, and whether each axis is periodic (bool): (ndim,) each, read-only, made once."""
+        """Lower ends, upper ends, and whether each axis is periodic (bool): (ndim,) each."""
         return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
         """Interpolate values at the nodes (shape `grid.shape`) multilinearly at points (M, ndim): (M,) float64.
 
         Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
-
-        Parameters
-        ----------
-        values : array of shape grid.shape
-            The function at the nodes.
-        points : (M, ndim) array
-            Where to interpolate, in the units of the axes.
 
         Raises
         ------
@@ -354,10 +318,7 @@ class Grid(Remembering):
 
     @kept
     def arrays(self) -> Lattice:
-        """The grid as compiled code takes it, a `Lattice`, read-only, made once.
-
-        `least`, `most` and `safe_ends` have `SLACK` cells added.
-        """
+        """The grid as compiled code takes it; `least`, `most` and `safe_ends` have `SLACK` cells added."""
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
@@ -365,22 +326,16 @@ class Grid(Remembering):
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
     def ends_where(self, *fates: Fate) -> FloatArray:
-        """Whether the lower and the upper end of each axis has one of these fates: (2, ndim) bool, read-only.
-
-        fates : names of fields of `End`, "fails", "holds" or "frees"; all False without any. False on periodic axes.
-        Made once for each tuple of fates.
-        """
+        """Whether the lower and the upper end of each axis has one of these fates, as no periodic one: (2, ndim)."""
         if fates not in (cache := self.remembered("ends", dict)):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
             cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each.
+        """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each; -+inf for others.
 
-        fates : "fails", "holds" or "frees"; without any, no end counts. -inf and +inf stand for ends that do not count.
-        Where the grid has a `padding`, the end is where this begins, not where the nodes end. Read-only, made once for
-        each tuple of fates.
+        Where the grid has a `padding`, the end is where this begins, not where the nodes end.
         """
         if fates not in (cache := self.remembered("faces", dict)):
             low, high = self.ends_where(*fates)
@@ -390,14 +345,13 @@ class Grid(Remembering):
         return cache[fates]
 
     def has(self, fate: Fate) -> bool:
-        """Whether some bounded axis has an end with this fate, "fails", "holds" or "frees"."""
+        """Whether some bounded axis has an end with this fate."""
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance from each node to the nearest end with a fate, along the end's own axis and in its unit.
+        """Distance from each node to the nearest end with a fate, along its own axis: it broadcasts to the grid.
 
-        fate : "fails", "holds" or "frees". The result broadcasts to the grid. It is negative at nodes past the end, and
-        +inf where the grid has no such end.
+        Negative at nodes past the end, and +inf where the grid has no such end.
         """
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
@@ -407,58 +361,36 @@ class Grid(Remembering):
 
     @cached_property
     def walled(self) -> "Grid":
-        """A grid with the same nodes, all of whose bounded ends are walls; made once."""
+        """A grid with the same nodes, all of whose bounded ends are walls."""
         return self.wider([(0, 0)] * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
-        """States (..., ndim), also traced ones, clipped at the ends with these fates: a new array.
-
-        fates : "fails", "holds" or "frees"; by default "holds", at walls. NaN stays NaN.
-        """
+        """States (..., ndim), also traced, clipped at the ends with these fates, by default at walls; NaN stays NaN."""
         low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
-        """Whether states (..., ndim) are past an end with one of these fates, by more than `SLACK` cells: bool (...).
-
-        fates : "fails", "holds" or "frees"; without any, no end counts. False for NaN. Coordinates on periodic axes do
-        not matter.
-        """
+        """Whether states (..., ndim) are past an end with one of these fates by more than `SLACK` cells: bool (...)."""
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
     @kept
     def weights(self) -> FloatArray:
-        """Share of the grid's volume that each node represents, (*shape), read-only, made once; the shares add up to 1.
-
-        At a bounded end a node represents half a cell.
-        """
+        """Share of the grid's volume that each node represents, (*shape): half a cell at bounded ends."""
         total = np.ones(())
         for axis in range(self.ndim):
             total = total[..., None] * self.shares(axis)
         return total
 
     def shares(self, axis: int) -> FloatArray:
-        """Share of an axis's length that each of its nodes represents, (shape[axis],), adding up to 1.
-
-        Half a cell at bounded ends.
-        """
+        """Share of an axis's length that each of its nodes represents, (shape[axis],): half a cell at bounded ends."""
         share = np.ones(self.shape[axis])
         if not self.periodic[axis]:
             share[[0, -1]] = 0.5
         return share / share.sum()
 
     def fraction(self, inside: FloatArray) -> float:
-        """Share of the grid's volume where the boolean array `inside`, shape `shape`, is true.
-
-        Parameters
-        ----------
-        inside : array of shape grid.shape, bool
-            Which nodes count.
-
-        Returns
-        -------
-        float, from 0 to 1
+        """Share of the grid's volume, from 0 to 1, where the boolean array `inside`, of shape `grid.shape`, is true.
 
         Raises
         ------

@@ -33,52 +33,32 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 
 @dataclass(frozen=True)
 class Velocities(ReadOnly):
-    """The velocity set under one input at every node, in the form that the kernels take: low_i <= v_i <= high_i on axis
-    i.
+    """The velocity set under one input at every node, as the kernels take it: low_i <= v_i <= high_i on axis i.
 
     Where it is no box, `drift` and `gain` have it as modes, and low and high are their hull: H(p) = max over modes of p
     . drift + sum_d |p . gain_d|. Arrays are made read-only in place.
-
-    Attributes
-    ----------
-    low, high : (ndim,) array, (ndim, *shape) array, or list of ndim arrays
-        In the unit of each axis per second. (ndim,) where they do not depend on the state; the arrays of a list
-        broadcast to the grid's shape, each on the axes that it depends on.
-    drift : (modes, ndim, *shape) array, or None
-        Only where the adversary couples axes, or coordinates are left out that move several. Without `shape` where they
-        depend on no state.
-    gain : (modes, ndim, D, *shape) array, or None
-        As `drift`; times the bounds of v.
-    shape : tuple of int
-        Of the grid, where low and high are lists; else ().
-    terms : dict or None
-        What `sdhj.solver.schemes` makes of them for the kernels, by the layout, filled there in place; None: it is not
-        kept.
     """
 
+    # per second: (ndim,) where they do not depend on the state, (ndim, *shape), or lists of ndim arrays that broadcast
     low: Any
     high: Any
+    # (modes, ndim, *shape), without `shape` where they depend on no state; None where the set is a box
     drift: FloatArray | None = None
-    gain: FloatArray | None = None
-    shape: tuple[int, ...] = ()
-    terms: dict[Any, Any] | None = field(default=None, repr=False)  # what is made of them for the kernels, if kept
+    gain: FloatArray | None = None  # (modes, ndim, D, *shape), times the bounds of v
+    shape: tuple[int, ...] = ()  # of the grid, where low and high are lists
+    # what `sdhj.solver.schemes` makes of them for the kernels, filled there in place; None: it is not kept
+    terms: dict[Any, Any] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only, in place."""
         read_only((self.low, self.high, self.drift, self.gain))
 
     def with_terms(self) -> "Velocities":
-        """The same velocities, arrays shared, with a dictionary `terms` in which schemes keep what they make of them.
-
-        Itself where it has one already.
-        """
+        """The same velocities, arrays shared, with a dictionary `terms` that schemes fill; itself where it has one."""
         return self if self.terms is not None else replace(self, terms={})
 
     @property
     def coupled(self) -> bool:
-        """Whether the velocity set is no box, because the adversary couples axes or coordinates are left out: it has
-        modes.
-        """
+        """Whether it has modes: the adversary couples axes, or coordinates left out move several."""
         return self.drift is not None
 
     @property
@@ -88,10 +68,9 @@ class Velocities(ReadOnly):
         return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """How many time steps of equal length dt the CFL condition requires for a duration, s; 0 where nothing moves.
+        """How many equal time steps dt the CFL condition asks for: dt max over nodes of sum_i |v_i| / dx_i <= cfl.
 
-        dt times the maximum over nodes of sum_i max |v_i| / dx_i is at most `cfl`. grid : on which low and high are.
-        ValueError if there are more than `MOST_STEPS`.
+        0 where nothing moves; ValueError above `MOST_STEPS`.
         """
         speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
@@ -104,11 +83,7 @@ class Velocities(ReadOnly):
 
 
 def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
-    """Make, not raise, the ValueError for an interval of `duration` s that needs more than `MOST_STEPS` of something.
-
-    speed (ndim,) : greatest |velocity| on each axis; the message names the axis on which most cells are crossed. count,
-    what : how many of what are needed.
-    """
+    """Make, not raise, the ValueError for an interval that needs more than `MOST_STEPS` at speeds (ndim,)."""
     axis = int(np.argmax(speed / np.array(grid.spacing)))
     return ValueError(
         f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
@@ -118,11 +93,7 @@ def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float,
 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The corners (low + spread, high - spread) of boxes that are made smaller by `spread` >= 0; all three broadcast.
-
-    Where half of what is left between the corners is at most `ROUNDING` times the spread, or negative, both are in the
-    middle. low and high themselves are returned where spread is 0 everywhere.
-    """
+    """(low + spread, high - spread), spread >= 0; the middle twice where nothing is left beyond `ROUNDING`."""
     if not np.any(spread):
         return low, high
     middle, left = (low + high) / 2, (high - low) / 2 - spread
@@ -131,11 +102,7 @@ def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[Flo
 
 
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
-    """Whether the sum of the segments from -pushes[:, k] to pushes[:, k] is its own mirror image about an axis.
-
-    pushes (axes, K) : the halves of the K segments. axis : an index of their rows. It is so where along each direction
-    there is as much length as along the mirrored one, up to 1e-9.
-    """
+    """Whether the sum of segments -+pushes[:, k], (axes, K), is its own mirror image about an axis, up to 1e-9."""
     mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
     lengths = np.sqrt((pushes**2).sum(axis=0))
     same = np.abs(np.abs(pushes.T @ np.hstack([pushes, mirrored])) - np.outer(lengths, np.tile(lengths, 2)))
@@ -145,10 +112,7 @@ def _symmetric(axis: int, pushes: FloatArray) -> bool:
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
-    """Yield (j, rows) for each input j that occurs among `inputs` (M,), indices >= 0; the j ascending.
-
-    rows : where in `inputs` it occurs, an array of indices; slice(None) where M is 1.
-    """
+    """Yield (j, rows) for each input j that occurs among `inputs` (M,), ascending: where it occurs, as an index."""
     if len(inputs) == 1:  # without it a single run takes 1.08 of the time
         yield int(inputs[0]), slice(None)
         return
@@ -162,8 +126,8 @@ class Interval(ReadOnly):
 
     Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end
     (`displacement_sets`, `reachable_boxes`), and has the velocity sets of the games (`velocities`,
-    `displacement_boxes`). States may have any coordinates on periodic axes; they are wrapped before velocities are
-    evaluated. It is immutable; what is found once is kept with it, or with its dynamics.
+    `displacement_boxes`). States may have any coordinates on periodic axes. It is immutable; what is found once is kept
+    with it, or with its dynamics.
     """
 
     grid: Grid
@@ -175,31 +139,22 @@ class Interval(ReadOnly):
 
     @property
     def end(self) -> float:
-        """The latest time at which the interval ends, s: begin + delta.
-
-        The adversary may end it sooner by up to `early`.
-        """
+        """The latest time at which the interval ends, s; the adversary may end it sooner by up to `early`."""
         return self.begin + self.delta
 
     @cached_property
     def walled(self) -> "Interval":
-        """The same interval on a grid whose bounded ends are all walls, at which states and boxes are then clipped.
-
-        Made once.
-        """
+        """The same interval on a grid whose bounded ends are all walls, at which states and boxes are then clipped."""
         return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 
     def drift(self, states: Any, j: int, t: Any) -> Any:
-        """Velocity of states (M, ndim), also traced ones, under input j without the adversary at time t: (M, ndim)."""
+        """Velocity of states (M, ndim), also traced, under input j without the adversary at time t: (M, ndim)."""
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """The gain of v (`VectorField.gain_at`) for each state (M, ndim) under its own input: (M, ndim, D).
-
-        inputs (M,) : indices. t : the time, s. States may have any coordinates on periodic axes.
-        """
+        """The gain of v (`VectorField.gain_at`) for each state (M, ndim) under its own input: (M, ndim, D)."""
         points = self.grid.wrapped(states)
         if self.dynamics.shared_gain:
             return self.dynamics.gain_at(points, 0, t)
@@ -209,10 +164,7 @@ class Interval(ReadOnly):
         return gain
 
     def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
-        """Half-widths of the box of v under each of the inputs (M,), indices, at time t: (M, D), perhaps read-only.
-
-        ValueError where a bound is below 0.
-        """
+        """Half-widths of the box of v under each of the inputs (M,), indices: (M, D), perhaps read-only."""
         if self.dynamics.shared_gain:
             return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.disturbance_dim))
         table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
@@ -228,11 +180,9 @@ class Interval(ReadOnly):
         return velocity
 
     def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
-        """Where states (M, ndim) are `duration` s after t, under constant inputs (M,), indices, and v (M, D): (M,
-        ndim).
+        """States (M, ndim), moved for `duration` s under constant inputs (M,) and v (M, D), which is not checked.
 
-        Exact for constant velocities, else one Runge-Kutta step of order 4, so long durations need several calls.
-        States are clipped at walls, and not wrapped on periodic axes. That v is within its bounds is not checked.
+        Exact for constant velocities, else one Runge-Kutta step of order 4. They are clipped at walls, and not wrapped.
         """
         if self.dynamics.constant:
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
@@ -244,18 +194,13 @@ class Interval(ReadOnly):
         return out
 
     def _runge_kutta(self, j: int, whole: Any, t: Any, duration: Any) -> Any:
-        """One Runge-Kutta step of order 4 under input j, from time t, clipped at walls at each stage: states (M, ndim).
-
-        whole (M, ndim + D) : states and disturbances side by side. Also traced.
-        """
+        """One Runge-Kutta step of order 4 under input j from states and v side by side, (M, ndim + D): (M, ndim)."""
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
         def velocity(q: Any, now: Any) -> Any:
-            """The velocity (M, ndim) at states q and the time `now`, under input j and v."""
             return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
 
         def moved(span: Any, slope: Any) -> Any:
-            """`states` moved for a time `span` at a velocity `slope` (M, ndim), clipped at walls."""
             return self.grid.clipped(states + span * slope)
 
         k1 = velocity(states, t)
@@ -265,32 +210,21 @@ class Interval(ReadOnly):
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
-        """A function as one formula, which is faster; where the dynamics have a black box, the function itself.
-
-        function : of points (M, coordinates) and `parameters` numbers, the time first. what : a key that, with this
-        grid, tells it apart from all others that are asked for; the formula is made once for each key.
-        """
+        """A function as one formula, which is faster, kept by `what` and the grid; itself with a black box in it."""
         if not self.dynamics.formulas:
             return function
         grid = self.grid
+        # the dynamics keep it, for all intervals that differ in their begin alone
         key, name = (*what, grid.lower, grid.upper, grid.periodic, grid.ends), "where the state moves to"
         return self.dynamics.remembered(key, lambda: Formula.traced(name, function, coordinates, parameters))
 
     def displacements(self, states: FloatArray) -> FloatArray:
-        """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it: (M, L,
-        ndim).
-
-        (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the midpoint rule.
-        """
+        """Where every input leads without an adversary, relative to states (M, ndim): (M, L, ndim), M perhaps 1."""
         _, _, moved, more = self.displacement_sets(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Displacements of states (M, ndim) under every input without an adversary, by two rules: (M, L, ndim) each.
-
-        First Euler's, delta f(x, t), then the midpoint rule, delta f(x + delta f / 2, t + delta / 2), the point halfway
-        clipped at walls. begin : t, the time at which the interval begins, s. States and begin may be traced.
-        """
+        """Displacements without an adversary, by Euler's and by the midpoint rule, also traced: (M, L, ndim) each."""
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
             moves.append(self.delta * self.drift(states, j, begin))
@@ -299,27 +233,17 @@ class Interval(ReadOnly):
         return np.stack(moves, axis=1), np.stack(later, axis=1)
 
     def reachable_boxes(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
-
-        Lower and upper corners, (M, L, ndim) each, or (1, L, ndim) where they are the same for all states (M, ndim).
-        They are widened by `wider`. Where velocities do not depend on the state they are exact, but larger where v is
-        cut into pieces. Elsewhere they are estimates: the drift is taken by the midpoint rule, the adversary's gain is
-        that at the start, and pieces of v have the velocities halfway.
-        """
+        """Boxes around all that `displacement_sets` has, relative to states: lower and upper corners, (M, L, ndim)."""
         low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
         return low - spread, high + spread
 
     def reachable_points(self, states: FloatArray, sides: FloatArray) -> FloatArray:
-        """States in `reachable_boxes` that the adversary can bring about, one towards each point `sides` of the box.
+        """States in `reachable_boxes` that the adversary can bring about, relative to states: (M, L, P, ndim).
 
-        (M, L, P, ndim), relative to the states (M, ndim); (1, L, P, ndim) where they are the same for all states. sides
-        (P, ndim) : points of the unit box, from 0, the lower corner, to 1.
-
-        Where components of v move several axes (`VectorField.oblique`), it is the point of the box without their
-        segments, plus the end of each segment that lies farther out in this direction, by as large a share as the point
-        is out. Where v is cut into pieces, it is the last point on the line from the middle of the box to the point
-        that is beyond none of the planes of `normals`.
+        One towards each of the points `sides` (P, ndim) of the unit box: the point of the box without segments, plus as
+        large a share of each segment as it is out; or, where v is cut, the last on the way there beyond no plane of
+        `normals`.
         """
         low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
@@ -336,17 +260,19 @@ class Interval(ReadOnly):
         return np.asarray(points)
 
     def displacement_sets(self, states: FloatArray) -> FloatArray:
-        """Where each input leads at the interval's end, and the path there, relative to states (M, ndim).
+        """Where each input leads at the interval's end, relative to states (M, ndim): (4 + K, L, ndim, M), a new array.
 
-        Returns a new array (4 + K, L, ndim, M); 1 in place of M where displacements are the same for all states.
+        [0], [1] : the lower and the upper corner of a box, widened by `wider`. Exact where velocities do not depend on
+        the state, but larger where v is cut; else estimates, by the midpoint rule for the drift, and the gain at the
+        start.
 
-        [0], [1] : the lower and the upper corner of a box, widened by `wider`; exact where velocities do not depend on
-            the state, else estimates (`reachable_boxes`).
         [2], [3] : a and b of the path without an adversary, x(t + s delta) = x + s a + s^2 b, 0 <= s <= 1; exact for a
-            constant drift, else to second order.
-        [4:] : K is 0, or the number of components of v that move several axes (`VectorField.oblique`): half of the
-            segment that each of them adds to the box. Or there are `normals` n: then [4:, j, :, m] in C order are the
-            greatest n . x at the end, one for each n, and zeros behind them.
+        constant drift, else to second order.
+
+        [4:] : half of the segment that each component in `VectorField.oblique` adds to the box; or, in C order, the
+        greatest n . x at the end for each of the `normals` n, and zeros behind them.
+
+        1 in place of M where displacements are the same for all states.
         """
         if self.dynamics.stateless:
             return self._constant_displacement_sets.copy()  # compiled look-ups take it in place of what they write
@@ -355,18 +281,14 @@ class Interval(ReadOnly):
 
     @kept
     def _constant_displacement_sets(self) -> FloatArray:
-        """`displacement_sets` where it is the same for all states, (4 + K, L, ndim, 1), read-only, made once."""
+        """`displacement_sets` where it is the same for all states: (4 + K, L, ndim, 1)."""
         return np.ascontiguousarray(
             np.moveaxis(self._displacement_sets(np.array([self.grid.lower]), self.begin), 0, -1)
         )
 
     @property
     def displacement_formula(self) -> Formula | None:
-        """`displacement_sets` as one formula of states and the time t at which the interval begins: (4 + K, L, ndim).
-
-        None where it is the same for all states, where the dynamics have a black box, or where v does not enter
-        linearly. Made once for all intervals of a problem that differ in their begin alone.
-        """
+        """`displacement_sets` as one formula of states and the begin, (4 + K, L, ndim); None where there is none."""
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
@@ -375,11 +297,8 @@ class Interval(ReadOnly):
         return found
 
     def _displacement_sets(self, states: Any, begin: Any) -> Any:
-        """`displacement_sets` of states (M, ndim) for an interval from `begin`, states first: (M, 4 + K, L, ndim).
-
-        M is 1 in the result where it is the same for all states. States may be traced. The boxes are hulls over three
-        of the ends that the adversary may choose (now, in the middle and at the latest), widened by `wider`.
-        """
+        """`displacement_sets` of an interval from `begin`, states first: (M, 4 + K, L, ndim), also traced."""
+        # the hull over three of the ends that the adversary may choose: now, in the middle and at the latest
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
             directions = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
@@ -397,19 +316,16 @@ class Interval(ReadOnly):
 
     @kept
     def normals(self) -> FloatArray:
-        """Normals, beside the axes, of the planes that bound where states may end where v is cut into pieces: (K,
-        ndim), read-only.
+        """Normals (K, ndim) of the planes, beside the axes, that bound where states may end where v is cut.
 
-        (0, ndim) where v is not cut, and where it has more than `MOST_PIECES` pieces. In the plane of each two axes
-        that a component moves there are `FAN` normals for each of its pieces, at most `MOST_NORMALS`, evenly apart if
-        axes are measured in cells; those along an axis are left out. The mean of v's velocities over an interval lies
-        in the hull of those of the pieces, whose greatest part along each normal is known. Made once.
+        The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
+        each normal is known.
         """
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
         pieces = math.prod(dynamics.pieces_of_components(range(ndim)))
         for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
             most = max(dynamics.pieces_of_components(pair))
-            count = min(FAN * most, MOST_NORMALS)
+            count = min(FAN * most, MOST_NORMALS)  # evenly apart if axes are measured in cells
             for k in range(count if most > 1 else 0):
                 if 4 * k % count:  # not along an axis
                     normal = np.zeros(ndim)
@@ -418,14 +334,9 @@ class Interval(ReadOnly):
         return np.array(found).reshape(-1, ndim)
 
     def _greatest_along(self, states: FloatArray, begin: float, directions: FloatArray) -> FloatArray:
-        """The greatest n . (x(end) - x) over all v, for each direction n, state and input: (M, L, K).
+        """The greatest n . (x(end) - x) over v, which is cut, for each of the directions n (K, ndim): (M, L, K).
 
-        Where velocities do not depend on the state, M is 1 in the result, which is an upper bound. Elsewhere it is the
-        displacement by the drift, by the midpoint rule, plus delta times the greatest velocity beyond the drift at the
-        point halfway: at the begin, and, if the dynamics depend on time, in the middle and at the end.
-
-        states (M, ndim). begin : the time at which the interval begins, s. directions (K, ndim) : the vectors n. Only
-        where v does not enter linearly.
+        An upper bound where velocities do not depend on the state; else an estimate, by the midpoint rule.
         """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
@@ -447,11 +358,7 @@ class Interval(ReadOnly):
         return np.stack(far, axis=1)
 
     def _half_segments(self, states: Any, begin: Any) -> list[Any]:
-        """Half of the segment that each component d in `VectorField.oblique` adds to the velocity, gain_d bounds_d.
-
-        A list of arrays (M, L, ndim), one for each d, at states (M, ndim) under each input; [] where there are none.
-        begin : the time at which the gain is taken, s. States and begin may be traced.
-        """
+        """gain_d bounds_d for each d in `VectorField.oblique`, at states (M, ndim): a list of (M, L, ndim)."""
         dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
         if not dynamics.oblique:
             return []
@@ -460,13 +367,10 @@ class Interval(ReadOnly):
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Corners of the box of displacements by the drift and by all components of v but `VectorField.oblique`.
+        """Corners (M, L, ndim) of the box of displacements by all but `VectorField.oblique`, also traced.
 
-        Lower and upper, (M, L, ndim) each, of states (M, ndim) under each input; (1, L, ndim) and exact where
-        velocities do not depend on the state. Elsewhere it is the drift by the midpoint rule, and around it delta times
-        the greatest deviation by v, at the begin and, if anything depends on time, in the middle and at the end.
-
-        begin : the time at which the interval begins, s. States and begin may be traced.
+        Exact where velocities do not depend on the state. Else delta times the greatest deviation by v around the
+        midpoint rule.
         """
         dynamics = self.dynamics
         if dynamics.stateless:
@@ -495,25 +399,21 @@ class Interval(ReadOnly):
     # ---- of velocities that do not depend on the state: the Hopf-Lax formula
 
     def extremes(self, t: float) -> FloatArray:
-        """The least and the greatest velocity along each axis under each input at time t: (2, L, ndim).
-
-        Only where velocities do not depend on the state.
-        """
+        """Least and greatest velocity, where it does not depend on the state, at time t: (2, L, ndim)."""
         nothing = np.zeros((1, self.grid.ndim))
         each = [self.dynamics.extremes(nothing, j, t)[0] for j in range(len(self.dynamics.inputs))]
         return np.stack(each, axis=1)
 
     @kept
     def _constant_extremes(self) -> FloatArray:
-        """`extremes` at the begin, (2, L, ndim), made once; only where velocities depend neither on state nor time."""
+        """`extremes` at the begin, (2, L, ndim), where velocities depend neither on state nor time."""
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Corners, (L, ndim) each, of the box of displacements under each input from `begin` to `end`, s into the
-        interval.
+        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s into the interval.
 
-        (end - begin) times the mean over time of the least and of the greatest velocity; exact where these do not
-        depend on time, else by Gauss's rule with 8 nodes. Only where velocities do not depend on the state.
+        (end - begin) times the mean over time of the `extremes`: exact where these do not depend on time, else by
+        Gauss's rule.
         """
         if self.dynamics.depends_on_time:
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
@@ -524,13 +424,10 @@ class Interval(ReadOnly):
         return low, high
 
     def segments(self, axes: Sequence[int]) -> FloatArray:
-        """Half of the segment that each component of v which moves several of these axes adds to the velocity.
+        """gain_d bounds_d along `axes` for each component d of v that moves several of these: (L, K, len(axes)).
 
-        (L, K, len(axes)), for each input and each such component d: gain_d bounds_d along `axes`. The displacement over
-        a time tau is that of the box less the segments' share, plus tau times any point of each segment. Components
-        that move an axis with a wall are left out unless nothing drifts along it and the segments are symmetric about
-        it: what is held at the wall may end elsewhere (`_may_leave_at_wall`). K = 0 where gain or bounds depend on
-        time, or no component couples these axes. Only where velocities do not depend on the state.
+        The displacement over a time tau is that of the box less the segments' share, plus tau times any point of each.
+        K = 0 where gain or bounds depend on time. Only where velocities do not depend on the state.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.depends_on_time or dynamics.bounds.depends_on_time)
@@ -541,17 +438,15 @@ class Interval(ReadOnly):
         some = np.abs(pushes) > ROUNDING * np.abs(pushes).max()  # the rest is rounding, as of a gain that is a rotation
         pushes *= some
         oblique = (some.sum(axis=1) > 1).any(axis=0)
-        for i, axis in enumerate(own):
+        for i, axis in enumerate(own):  # what is held at the wall may end elsewhere
             if self._may_leave_at_wall(axis, i, pushes[:, :, oblique]):
                 oblique &= ~some[:, i].any(axis=0)
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
     def _may_leave_at_wall(self, axis: int, row: int, pushes: FloatArray) -> bool:
-        """Whether an axis has a wall at which states may be held, and then end outside the sum of the segments
-        `pushes`.
+        """Whether states held at a wall of an axis may end outside the sum of the segments `pushes` (L, axes, K).
 
-        So it is where something drifts along the axis, or the segments are not symmetric about it. pushes (L, axes, K)
-        : half segments, of whose rows number `row` is this axis. Only where velocities do not depend on the state.
+        So it is where something drifts along the axis, or the segments are not symmetric about it.
         """
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
         if not self.grid.ends_where("holds")[:, axis].any():
@@ -561,11 +456,9 @@ class Interval(ReadOnly):
 
     @property
     def held(self) -> FloatArray:
-        """Coordinates of the walls at which states may end outside the sum of segments, or past the planes of
-        `normals`.
+        """Coordinates (2, ndim) of the walls at which states may end outside segments or planes; -+inf elsewhere.
 
-        (2, ndim), lower and upper; -inf and inf for all other ends. Where there are no planes, and either no segments
-        or velocities that depend on the state, all walls count.
+        Past these the look-ups take the box instead, whose corners are clipped at walls.
         """
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
@@ -579,12 +472,7 @@ class Interval(ReadOnly):
     # ---- on the grid: velocity sets for the games
 
     def _values_at_nodes(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
-        """The values at time t, s, of a formula with one result, at the nodes of the axes that it reads.
-
-        They have one node along the other axes of `seen`, so they broadcast to the subgrid of these.
-
-        formula : of states (ndim coordinates). seen : axes, ascending, among which all are that it reads; not checked.
-        """
+        """The values of a formula of states at nodes of the axes it reads, which broadcast to the subgrid `seen`."""
         read = [axis for axis in seen if formula.reads[0, axis]]
         if not read:
             return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
@@ -593,11 +481,7 @@ class Interval(ReadOnly):
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """The least and the greatest velocity along each axis under input j over all v, at the nodes and time t.
-
-        Two lists of ndim arrays that broadcast to the grid's shape, each on the axes that it depends on, as far as that
-        is known.
-        """
+        """Least and greatest velocities under input j over all v: two lists of arrays that broadcast to the grid."""
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
             found = [
@@ -610,10 +494,7 @@ class Interval(ReadOnly):
 
     @kept
     def speeds(self) -> FloatArray:
-        """The greatest |velocity| along each axis over all nodes, inputs and v: (ndim,), read-only, made once.
-
-        Of what depends on time at some instants of the interval only.
-        """
+        """The greatest |velocity| along each axis over all nodes, inputs and v, at some instants: (ndim,)."""
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.depends_on_time else INSTANTS[:1])
         ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
@@ -626,16 +507,11 @@ class Interval(ReadOnly):
         return tuple(sorted(found))
 
     def velocities(self, j: int, axes: Sequence[int], t: float | None = None, *, drift: bool = True) -> Velocities:
-        """The velocity set under input j along some axes at time t, by default at the begin, on the subgrid of these.
+        """The velocity set under input j along some axes at time t, by default the begin, on their subgrid.
 
-        Coordinates that are left out and matter are taken at all their nodes (App. A.4): each combination of them is a
-        mode, and H is the maximum over modes. Where they move the velocity of one axis at most, and the adversary does
-        not couple axes, the hull of the modes' boxes has the same H and is returned instead: cheaper, with the sharper
-        flux.
-
-        drift : False leaves the drift out, as for a game in a frame that moves with it; only where velocities do not
-        depend on the state and v enters linearly, elsewhere it is ignored. MemoryError where modes or pieces do not
-        fit.
+        Coordinates left out that matter are taken at all their nodes (App. A.4): each combination of these is a mode,
+        and H the maximum over modes. Without `drift`, as for a game in a frame that moves with it, velocities must not
+        depend on the state. MemoryError where modes do not fit.
         """
         dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
@@ -653,23 +529,16 @@ class Interval(ReadOnly):
         hull = lower.min(axis=0), upper.max(axis=0)
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
         coupled = (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any()
+        # where one axis is swayed the hull has the same H: cheaper, with the sharper flux
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """(seen, added): these axes and those that their velocities read, ascending, and the positions in `seen` of the
-        axes that are not among `axes`.
-        """
+        """These axes and those that their velocities read, ascending, and the positions of the latter there."""
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
     def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
-        """The velocity set under input j along some axes at time t as a box, with lists of arrays each on the axes that
-        it reads.
-
-        Its ends are the extremes over coordinates left out. None where the box would be larger than the set (the
-        adversary couples the axes, or coordinates left out move the velocity of several), and where it cannot be
-        sampled so (black boxes, or v that does not enter linearly). ValueError where a bound of v is below 0.
-        """
+        """The velocity set under input j as a box of arrays on the axes they read, or None where that is larger."""
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         if not dynamics.formulas or dynamics.gain is None:
             return None
@@ -686,22 +555,16 @@ class Interval(ReadOnly):
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points_of_axes(self, seen: list[int]) -> FloatArray:
-        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, in their order.
-
-        Other coordinates are the lower ends.
-        """
+        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at lower ends."""
         grid = self.grid.subgrid(seen)
         points = np.tile(np.array(self.grid.lower), (grid.size, 1))
         points[:, seen] = grid.points()
         return points
 
     def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The velocity set under input j along some axes at time t as a box for each piece of v, where v does not enter
-        linearly.
+        """The velocity set under input j as modes, a box for each piece of v, where v does not enter linearly.
 
-        The boxes are modes with a diagonal gain; a single one is a plain box. Each velocity is in the box of some
-        piece, so the true H is at most the maximum over them, which is at most that of one box for all v. The boxes
-        hold all coordinates that are left out. MemoryError where the pieces do not fit.
+        Each velocity is in the box of some piece, so the true H is at most the maximum over them.
         """
         dynamics, (seen, outside), cuts = (
             self.dynamics,
@@ -729,11 +592,9 @@ class Interval(ReadOnly):
         return Velocities(low.min(axis=0), high.max(axis=0), drift=(low + high) / 2, gain=gain)
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
-        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under input j along some axes
-        at time t.
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under input j.
 
-        A mode for each combination of nodes of the coordinates left out that the velocities read. MemoryError if they
-        do not fit.
+        A mode for each combination of nodes of the coordinates left out that the velocities read.
         """
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         grid, count = self.grid.subgrid(seen), dynamics.disturbance_dim

@@ -17,21 +17,13 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, sampled piece by piece.
-
-    ValueError, with the set's `name`, where a value is not finite, or out of the range of single precision
-    (`checked_values`).
-    """
+    """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, each of them checked."""
     values = [checked_values(function(points), points, name) for points in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
 def checked_values(values: FloatArray, points: FloatArray, name: str) -> FloatArray:
-    """The values (M,) of a level-set function at points (M, ndim), after a check that single precision can hold them.
-
-    ValueError, with the set's `name`, where a value is not finite, above `LARGEST` in magnitude, or below `SMALLEST`
-    and not 0, so that it would become 0. There must be at least one point.
-    """
+    """The values (M,) of a level-set function at points (M, ndim); ValueError where single precision holds one not."""
     if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
         raise ValueError(
             f"level set of {name!r} may be undefined or infinite at {points[int(np.argmin(finite))].tolist()}, by the "
@@ -52,20 +44,13 @@ def checked_values(values: FloatArray, points: FloatArray, name: str) -> FloatAr
 
 
 def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    """The largest |difference| of values between neighbours along an axis; 0 where `values` have one node along it.
-
-    values : (*shape), or with one node on axes along which they do not change.
-    """
+    """The largest |difference| of values between neighbours along an axis; 0 where `values` have one node along it."""
     here, there = grid.edges(values, axis)
     return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
 def neighbour(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node (or cell) the value at the one that is `by` further along an axis: a new array.
-
-    by : how many nodes, not 0, negative for the other direction; on a bounded axis fewer than it has. On a periodic
-    axis neighbours go around; past the end of a bounded one the value is `past`.
-    """
+    """For each node (or cell) the value at the one that is `by` further along an axis, or `past`: a new array."""
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
         ends = slice(0, -by) if by < 0 else slice(values.shape[axis] - by, None)
@@ -74,11 +59,7 @@ def neighbour(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -
 
 
 def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
-    """The largest |value| of a level-set function of points at the corners of a grid.
-
-    Undefined and infinite values count as 0; the result is 1 where all are 0. What counts as rounding is relative to
-    this, so that the function's unit makes no difference.
-    """
+    """The largest finite |value| of a level-set function at a grid's corners, or 1: the measure of what is rounding."""
     ends = [grid.nodes(axis)[[0, -1]] for axis in range(grid.ndim)]
     corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
     return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
@@ -87,8 +68,7 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
     """Values (*grid.shape) of an unsafe set, negative at all nodes where they are <= 0, as G is closed: a new array.
 
-    A node on the boundary gets minus `ON_BOUNDARY`, a share of `size_of`. ValueError, with the set's `name`, where the
-    function is 0, up to `HAIR` of that, at all corners of a cell and in its middle: it does not say where the set ends.
+    ValueError where the function is 0 in a whole cell: it does not say where the set ends.
     """
     size = size_of(grid, function)
     flat = np.abs(values) <= HAIR * size
@@ -109,12 +89,11 @@ def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], Floa
 def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
     """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape).
 
-    least : lower bounds (M,) in boxes, of their corners (M, ndim). Both ends of a periodic axis have cells, as a
-    function that is not periodic jumps between the two. A bound of 0 becomes minus `ON_BOUNDARY`.
+    least : lower bounds (M,) in boxes, of their corners (M, ndim).
     """
     ends = []
     for axis, (end, periodic) in enumerate(zip(grid.upper, grid.periodic, strict=True)):
-        nodes = grid.nodes(axis)
+        nodes = grid.nodes(axis)  # a function that is not periodic jumps where an axis closes, so both ends count
         ends.append(np.append(nodes, np.nextafter(end, nodes[0])) if periodic else nodes)
     shape = [len(one) - 1 for one in ends]
     low, high = (
@@ -133,15 +112,11 @@ def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatAr
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """As `least_of_cells`, of a function of which no bounds are known.
 
-    It is the least, over the points z that cut each cell's edge into `FINE` parts, of
-
-        f(z) - 1/2 sum over the axes of the largest |f(z') - f(z'')|,
-
-    with z' and z'' neighbours along the axis, both at most one part from z: so a steep function far away costs nothing.
-    The set of the interpolated bounds contains the true set. Both ends of a periodic axis have points, as a function
-    that is not periodic jumps between the two and not before them. A bound of 0 becomes minus `ON_BOUNDARY`.
+    It is the least, over the points z that cut each cell's edge into `FINE` parts, of f(z) - 1/2 sum over the axes of
+    the largest |f(z') - f(z'')|, z' and z'' neighbours along the axis within one part of z: steepness far away costs
+    nothing.
     """
-    lines = [
+    lines = [  # where a periodic axis closes both ends have points
         np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)
         for low, high, n, periodic in zip(grid.lower, grid.upper, grid.shape, grid.periodic, strict=True)
     ]
@@ -159,10 +134,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
 
 
 def _largest_change_nearby(values: FloatArray, axis: int) -> FloatArray:
-    """For each point, the largest |difference| between neighbours along an axis near it; the same shape as `values`.
-
-    Both neighbours are at most one point away from it along every axis. values : at the points of a grid.
-    """
+    """For each point, the largest |difference| between neighbours along an axis, both at most one point away."""
     change = np.abs(np.diff(values, axis=axis))
     change = np.maximum(
         change.take([0, *range(change.shape[axis])], axis), change.take([*range(change.shape[axis]), -1], axis)

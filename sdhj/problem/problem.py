@@ -123,11 +123,9 @@ class ReachAvoidProblem(Remembering):
             """Make a problem; the arguments are those of the class."""
 
     def __post_init__(self) -> None:
-        """Read the functions, and check that all parts fit one another (`sdhj.problem.consistency`).
+        """Replace the fields by what is made of them, and check that all fit one another (`sdhj.problem.consistency`).
 
-        Fields are replaced by what is made of them: dynamics by a `VectorField`, a target of None by `ANYWHERE`,
-        numbers by float and int. Functions are called at some states and times, and the target and unsafe sets are
-        sampled at nodes. ValueError where something does not fit, NotTraced where a function cannot be read.
+        Functions are called at some states and times, and the sets are sampled at nodes.
         """
         self._check_parts()
         option("view_time", self.view_time, VIEW_TIMES)
@@ -175,9 +173,7 @@ class ReachAvoidProblem(Remembering):
     def _check_parts(self) -> None:
         """Check the types of the fields but delta, steps and view_time, and that there is a target or a danger.
 
-        In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the recipe read-only. ValueError
-        where a type is wrong, where there is neither a target, an unsafe set nor an unsafe end, and for a target with
-        "safe" ends.
+        In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the recipe read-only.
         """
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
@@ -209,19 +205,14 @@ class ReachAvoidProblem(Remembering):
             raise ValueError("there is no target and nothing to stay clear of; give an unsafe set or an unsafe end")
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other is a problem with the same `digest`, as a copy of this one is."""
         return self is other or (isinstance(other, ReachAvoidProblem) and self.digest == other.digest)
 
     def __hash__(self) -> int:
-        """Of the `digest`."""
         return hash(self.digest)
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256, hexadecimal, of everything that a table depends on, and of all names (`digest_of`).
-
-        Made once, black boxes being called.
-        """
+        """SHA-256, hexadecimal, of everything that a table depends on, and of all names; black boxes are called."""
         return digest_of(described(self), arrays_of(self))
 
     # ---- numbers, steps and times
@@ -233,7 +224,7 @@ class ReachAvoidProblem(Remembering):
 
     @cached_property
     def time_invariant(self) -> bool:
-        """Whether nothing depends on time: neither the dynamics nor the target nor an unsafe set; made once."""
+        """Whether nothing depends on time: neither the dynamics nor the target nor an unsafe set."""
         return not (
             self.dynamics.depends_on_time or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe)
         )
@@ -250,10 +241,7 @@ class ReachAvoidProblem(Remembering):
 
     @property
     def inputs(self) -> FloatArray:
-        """The inputs u_j that the robot can choose from, (L, m), one in each row, as they were given to `Dynamics`.
-
-        Read-only.
-        """
+        """The inputs u_j that the robot can choose from, (L, m), as they were given to `Dynamics`; read-only."""
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
@@ -274,21 +262,17 @@ class ReachAvoidProblem(Remembering):
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:
-        """Earliest begin and latest end, s, of the time in which the input of step k is held: time(k) - jitter, time(k
-        + 1) + jitter.
-        """
+        """Earliest begin and latest end, s, of the time in which the input of step k is held, jitter counted in."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Half-widths of E, the box around a prediction that holds the state, and by how much reachable boxes are
-        widened.
+        """Half-widths of E, the box around a prediction that holds the state, and by how much boxes are widened.
 
-        (ndim,) each, in the units of the axes; both 0 without a `Sensing`; read-only, made once. E = w(delay) of dw/dt
-        = A w + b + jumps, w(0) = error (`steepness.lipschitz_bounds`, `growth_bound`). Boxes of reachable states are
-        widened so that they hold the next prediction too: by E + w(h), where dw/dt = A w + jumps, w(0) = E, and h is
-        the longest hold (`Sensing.hold`). With memory they are widened so that they hold the next point that the
-        controller carries on: by `error_growth` - b h.
+        (ndim,) each, 0 without a `Sensing`. E = w(delay) of dw/dt = A w + b + jumps, w(0) = error (`growth_bound`).
+        Boxes of reachable states are widened to hold the next prediction, too: by E + w(h), dw/dt = A w + jumps, w(0) =
+        E, for the longest hold h; or with memory the next point that the controller carries on: by `error_growth` - b
+        h.
 
         ValueError where black boxes declare too little for A and b.
         """
@@ -303,12 +287,9 @@ class ReachAvoidProblem(Remembering):
 
     @kept
     def error_growth(self) -> FloatArray:
-        """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,).
+        """w(h) - E, (ndim,), dw/dt = A w + b + jumps, w(0) = E: what the error of a point gains in the longest hold h.
 
-        w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.lipschitz_bounds`, `growth_bound`), and h = delta
-        + 2 jitter is the longest hold. A state within E of a point c is then within E + this of where c is led under
-        the same input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for
-        A and b, or a velocity may be undefined.
+        A state within E of a point is then within E + this of where that is led under the same input undisturbed.
         """
         slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
@@ -317,10 +298,9 @@ class ReachAvoidProblem(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k to k + 1, for the time in which an input may be held; made once.
+        """The motion from step k >= 0 to k + 1, for the time in which an input may be held, boxes widened.
 
-        One object for all steps if the dynamics do not depend on time; then `step` is ignored. Its boxes are widened by
-        half_widths[1]. step : k >= 0, also beyond N. ValueError where `half_widths` raises it.
+        One object for all steps if the dynamics do not depend on time. ValueError where `half_widths` raises it.
         """
         step = step if self.dynamics.depends_on_time else 0
         if step not in (known := self._intervals):
@@ -334,19 +314,13 @@ class ReachAvoidProblem(Remembering):
         return {}
 
     def moves(self, unsafe_set: UnsafeSet) -> bool:
-        """Whether the avoid tubes of an unsafe set differ from step to step: the set moves, or the dynamics depend on
-        time.
-        """
+        """Whether the avoid tubes of an unsafe set differ from step to step."""
         return unsafe_set.moving or self.dynamics.depends_on_time
 
     # ---- the sets at states
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).
-
-        part : the set, of this grid's axes. Coordinates on periodic axes are wrapped. The shape of the states is not
-        checked.
-        """
+        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,)."""
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
@@ -384,10 +358,8 @@ class ReachAvoidProblem(Remembering):
 
         Parameters
         ----------
-        points : (M, ndim) array
-            States, in the units of the grid's axes.
-        t : float
-            The time, s.
+        points, t
+            As for `target_value`.
         inputs : (M,) int array, optional
             Indices into problem.inputs of what is applied there, for sets that are unsafe under some inputs only. By
             default the sets count that are unsafe under all.
@@ -395,13 +367,12 @@ class ReachAvoidProblem(Remembering):
         Returns
         -------
         (M,) array
-            In the unit of the sets' functions, m if these are distances; <= 0 is a collision. +inf where no set counts.
+            In the unit of the sets' functions, m if these are distances; +inf where no set counts.
 
         Raises
         ------
         ValueError
-            If the states have another shape or are no numbers, if t is not a finite number, or if a function is
-            undefined at a state.
+            As `target_value`.
 
         Examples
         --------
@@ -414,16 +385,14 @@ class ReachAvoidProblem(Remembering):
         return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
-        """Level-set function of G along M paths of T states, without interpolation: (M, T); +inf where no set counts.
+        """Level-set function of G along M paths of states (M, T, ndim), at ascending times, under inputs (M,): (M, T).
 
-        points (M, T, ndim) : states, column i at times[i], s. times : ascending; equal ones are evaluated together.
-        inputs (M,) : the index of the input that acts on each path, whose sets count; without it those that are unsafe
-        under all inputs.
+        +inf where no set counts; without inputs those count that are unsafe under all.
         """
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
-        for unsafe_set in self.unsafe:
+        for unsafe_set in self.unsafe:  # equal times are evaluated together
             counts = unsafe_set.counts(inputs)
             for begin, end in (pairwise(firsts) if unsafe_set.moving else [(0, len(times))]) if counts.any() else ():
                 at = wrapped[:, begin:end].take(unsafe_set.axes, axis=2).reshape(-1, len(unsafe_set.axes))
@@ -432,10 +401,9 @@ class ReachAvoidProblem(Remembering):
         return out
 
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """Which of states (M, ndim) at a step are in the target and in no unsafe set, by the level-set functions.
+        """Which of states (M, ndim) at a step are in the target and in no unsafe set: their numbers, ascending.
 
-        Their numbers, (R,) int64, ascending. None where a function is undefined, off the grid, and with a `Sensing`,
-        where the true state is not known.
+        None where a function is undefined, off the grid, and with a `Sensing`, where the true state is not known.
         """
         level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
         if self.has_no_target or self.sensing:
@@ -451,11 +419,7 @@ class ReachAvoidProblem(Remembering):
         return rows[(self.value_of(self.target, there, t) <= 0.0) & (self.unsafe_value(there, t) > 0.0)]
 
     def surely_in_no_tube(self, points: FloatArray, step: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
-
-        A state is in none if it is in G at the step's time, where those sets count that are unsafe under all inputs; or
-        if within = 0, there is a target, and the state is not in it. By the level-set functions without interpolation.
-        """
+        """Whether states (M, ndim) are in no tube (step, within), whatever was computed, by the sets alone: (M,)."""
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
         return lost if within or self.has_no_target else lost | (self.target_value(points, t) > 0.0)
@@ -464,25 +428,21 @@ class ReachAvoidProblem(Remembering):
 
     @property
     def opaque(self) -> dict[str, str]:
-        """{name in `functions`: words on what its author declares} for each function that is a black box."""
+        """{name of a function: words on what its author declares} for each function that is a black box."""
         boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
         fields = ("reads", "slope", "rate", "enclosure")
         known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
         return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
 
     def black_box(self, name: str) -> BlackBox:
-        """The black box of that name in `functions`; AssertionError if it is a formula, KeyError if there is none."""
+        """The black box of that name in `functions`; AssertionError if it is a formula."""
         found = self.functions[name]
         assert isinstance(found, BlackBox)
         return found
 
     @property
     def functions(self) -> "dict[str, Formula | BlackBox]":
-        """All functions of the problem that there are, by the names that files give them.
-
-        "drift" and "gain", or "velocity" where v does not enter linearly; "bounds", "target", and for each unsafe set i
-        "unsafe i" and "swept i".
-        """
+        """All functions of the problem that there are, formulas or black boxes, by the names that files give them."""
         dynamics = self.dynamics
         named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
         named |= {"bounds": dynamics.bounds, "target": None if self.has_no_target else self.target.level_set}
@@ -492,21 +452,14 @@ class ReachAvoidProblem(Remembering):
 
     @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
-        """{name in `functions`: lines of text} for each formula, and the list of the tables that formulas look up.
-
-        The lines refer to tables by their position in the list (`sdhj.formulas.text.written`). Made anew each time.
-        """
+        """{name in `functions`: lines of text} for each formula, and the tables that the lines refer to by position."""
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
         return found, tables
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """Everything that a table depends on beside functions, as plain numbers, lists and text for the head of a file.
-
-        Keys: delta, steps, view_time, grid, inputs, sensing and sets, the target, if there is one, before the unsafe
-        sets.
-        """
+        """Everything that a table depends on beside functions, as plain numbers, lists and text for a file's head."""
         sets: list[dict[str, Any]] = [
             {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
             | ({} if p.inputs is None else {"inputs": list(p.inputs)})

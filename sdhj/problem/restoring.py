@@ -16,11 +16,7 @@ from sdhj.problem.sets import TargetSet, UnsafeSet
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
-    """The tables that formulas look up, in the order in which lines of text refer to them.
-
-    arrays : those of a file, {name: array}; of these "tables/0", "tables/1", ... are returned, and made read-only in
-    place, so that formulas share them. KeyError where one is missing before the last.
-    """
+    """The tables that formulas look up, "tables/0", ... of a file's arrays in order, made read-only in place."""
     found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
     for values in found.values():
         values.setflags(write=False)  # so that formulas share them (`Lookup.of`)
@@ -28,12 +24,9 @@ def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
 
 
 def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> ReachAvoidProblem:
-    """The problem that a file describes, made and checked as a new one.
+    """The problem that a file describes, made and checked as a new one; ValueError if it is none, or has black boxes.
 
-    head : the file's description, as `describing.described` writes it, but with "grid" as a Grid, "sensing" as a
-    Sensing, "inputs" as an array, and an entry "recipe" besides (`sdhj.table.files` makes them so). tables : those that
-    its formulas look up, from `tables_of`. ValueError if it has black boxes, formulas of another format, or is not such
-    a description.
+    head : as `describing.described` writes it, but with a Grid, a Sensing, an array of inputs, and a "recipe".
     """
     formulas = head["formulas"]
     if formulas["format"] != FORMAT:
@@ -60,23 +53,14 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
 
 
 def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The entries in head["sets"] by the names of their formulas: {"target": ..., "unsafe 0": ..., ...}.
-
-    head : a file's description, as `describing.described` writes it. Without a target there is no "target".
-    """
+    """The entries in head["sets"] by the names of their formulas: {"target": ..., "unsafe 0": ..., ...}."""
     unsafe = [one for one in head["sets"] if one["kind"] != "target"]
     target = [one for one in head["sets"] if one["kind"] == "target"]
     return dict(zip(["target"], target, strict=False)) | {f"unsafe {i}": one for i, one in enumerate(unsafe)}
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """The formulas that a file describes, {name in `ReachAvoidProblem.functions`: Formula}.
-
-    Formulas with a name that no part of the problem has are left out. ValueError where a formula has other coordinates,
-    parameters or results than its name says, or cannot be read.
-
-    head : the file's description, with "grid" as a Grid and "inputs" as an array. tables : from `tables_of`.
-    """
+    """The formulas that a file describes, by their names in `ReachAvoidProblem.functions`, of the shapes these say."""
     functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
     components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
     expected: dict[str, Any] = {"drift": (ndim, 1, (count, ndim)), "velocity": (ndim, 1 + components, (count, ndim))}
@@ -94,14 +78,9 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
-    """In words, how a problem differs from what a file describes, by more than rounding; "" if it does not.
+    """In words, how a problem differs from what a file describes, by more than another machine's rounding; "" if not.
 
-    head : the file's description, with "grid" as a Grid, "sensing" as a Sensing and "inputs" as an array. arrays : the
-    file's, {name: array}, tables and values of black boxes among them. Must be equal: delta, steps, view_time, sensing,
-    the grid, names, sets, the number of pieces of v's range where it matters, and the structures of formulas. Must
-    agree to 1e-12, for another machine's rounding: constants and tables of formulas (`sdhj.formulas.text.alike`),
-    inputs, and the values of black boxes, which are called for them (`near`). ValueError where the file's formulas
-    cannot be read.
+    Black boxes are called, and must agree with the values in the file, as must constants and tables.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].entry_in_head, problem.sensing.entry_in_head
@@ -128,8 +107,6 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
 
 
 def near(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two arrays have one shape, and differ in each column by at most `CLOSE` of the largest |number| in that
-    column of `other`; a one-dimensional array is one column.
-    """
+    """Whether two arrays have one shape, and columns that differ by `CLOSE` of the largest |number| at most."""
     most = np.abs(other).max(axis=0, initial=0.0)
     return one.shape == other.shape and bool((np.abs(one - other) <= CLOSE * most).all())

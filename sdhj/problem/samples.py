@@ -22,15 +22,6 @@ PADDING = 4  # nodes past a safe end on the grid of the games: the widest stenci
 class Samples:
     """A problem on a grid: what it has at the nodes, and the motion there.
 
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    grid : Grid
-        The problem's own, or one that goes past it.
-    dynamics : VectorField
-    unsafe : tuple of UnsafeSet
-        On this grid: past its ends they are as at the ends.
-
     Examples
     --------
     With the robot on a line of `help(sdhj)`:
@@ -48,10 +39,10 @@ class Samples:
         dynamics: VectorField | None = None,
         unsafe: Iterable[UnsafeSet] | None = None,
     ) -> None:
-        """The problem on its own grid or, with all arguments, on another, of other axes perhaps."""
+        # the problem's own grid or, with all arguments, another: one that goes past it, or one of other axes
         self.problem, self.grid = problem, problem.grid if grid is None else grid
         self.dynamics = problem.dynamics if dynamics is None else dynamics
-        self.unsafe = problem.unsafe if unsafe is None else tuple(unsafe)
+        self.unsafe = problem.unsafe if unsafe is None else tuple(unsafe)  # past the problem's ends as at the ends
         self._intervals: dict[int, Interval] = {}
         self._static: dict[Any, FloatArray] = {}  # of sets that do not move, which every step asks for
 
@@ -64,7 +55,6 @@ class Samples:
             return self
 
         def as_at_the_end(unsafe_set: UnsafeSet) -> UnsafeSet:
-            """The unsafe set whose level-set function, and `swept` if it has one, do not change past safe ends."""
             ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(
                 unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
@@ -95,14 +85,9 @@ class Samples:
     def sample(
         self, part: TargetSet | UnsafeSet, t0: float, t1: float | None = None, view_time: str | None = None
     ) -> FloatArray:
-        """The level-set function of a set at the nodes of its axes' subgrid, read-only.
+        """The level-set function of a set, at t0 or over [t0, t1], at the nodes of its axes' subgrid, read-only.
 
-        At the time t0, s, or one function for all of [t0, t1] (`UnsafeSet.over`). Of an unsafe set it is made
-        `nodes.closed`, and according to the set's `sampling`. A set that does not move is sampled once, unless it is a
-        target of more than `SMALL` nodes.
-
-        view_time : one of `VIEW_TIMES`, by default the problem's. ValueError where a value is not finite or out of the
-        range of single precision, or a black box declares too little.
+        ValueError where single precision cannot hold a value, or a black box declares too little.
         """
         grid, view_time = self.grid.subgrid(part.axes), view_time or self.problem.view_time
         if part.moving or (part is self.problem.target and grid.size > SMALL):  # would take as much memory as a tube
@@ -115,7 +100,7 @@ class Samples:
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1), (*shape).
 
-        Without a target, L(t_k) is the grid up to its unsafe ends. step : k, from 0 to N.
+        Without a target, L(t_k) is the grid up to its unsafe ends.
         """
         problem, grid, target = self.problem, self.grid, self.problem.target
         t, jitter, values = problem.time(step), problem.sensing.jitter, np.full((1,) * grid.ndim, -np.inf)
@@ -132,14 +117,9 @@ class Samples:
 
 
 def _at_nodes(part: TargetSet | UnsafeSet, grid: Grid, t0: float, t1: float | None, view_time: str) -> FloatArray:
-    """The level-set function of a set at t0, or over [t0, t1], at the nodes of its grid: (*shape).
-
-    Of an unsafe set by its `sampling`. "nodes": made `nodes.closed`. "steep": the same, times `STEEP` inside the set.
-    "cell": lower bounds in the cells around each node.
-    """
+    """The level-set function of a set at t0, or over [t0, t1], at nodes of its grid, by its `sampling`: (*shape)."""
 
     def function(points: FloatArray) -> FloatArray:
-        """The values (M,) at points (M, axes)."""
         if t1 is None or not isinstance(part, UnsafeSet):
             return np.asarray(part.level_set(points, t0))
         return part.over(points, t0, t1, view_time)

@@ -95,10 +95,6 @@ class Sensing:
     memory: bool = True
 
     def __post_init__(self) -> None:
-        """Check the numbers; `error` becomes a float, or a tuple of one for each axis.
-
-        ValueError where one does not fit.
-        """
         if isinstance(self.error, Sequence | np.ndarray) and not isinstance(self.error, str):
             errors = tuple(number(f"error[{axis}]", one, least=0.0) for axis, one in enumerate(self.error))
             object.__setattr__(self, "error", errors)
@@ -112,10 +108,7 @@ class Sensing:
         object.__setattr__(self, "memory", bool(self.memory))
 
     def __bool__(self) -> bool:
-        """Whether there is any error, delay or jitter.
-
-        If not, robots measure exactly and act at once, whatever `memory` is.
-        """
+        """Whether there is any error, delay or jitter, whatever `memory` is."""
         errors = self.error if isinstance(self.error, tuple) else (self.error,)
         return any((*errors, self.delay, self.jitter))
 
@@ -126,13 +119,9 @@ class Sensing:
 
     @property
     def entry_in_head(self) -> dict[str, Any]:
-        """The fields by name, for the head of a file: `memory` only where it is True, and {} for a robot that measures
-        exactly.
-        """
+        """The fields by name, for the head of a file: without a False `memory`, and {} where robots measure exactly."""
         return {name: value for name, value in vars(self).items() if name != "memory" or value} if self else {}
 
     def hold(self, delta: float) -> tuple[float, float]:
-        """The longest time for which an input may be held, delta + 2 jitter, and by how much that may be shorter, 4
-        jitter; in s.
-        """
+        """The longest time for which an input may be held, and by how much it may be shorter, s."""
         return delta + 2 * self.jitter, 4 * self.jitter

@@ -40,10 +40,9 @@ class UnsafeSet:
     axes : sequence of int
         The axes of the grid that the function depends on, numbered from 0, ascending. The fewer, the faster the solve.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Takes coordinates on these axes, whatever this first parameter is called (but not t, u or v), and the time in
-        s. Values <= 0 in the set at time t, its boundary included, and
-        > 0 outside; ideally the signed distance to the set. One that is 0 in a whole region is refused by methods on
-        the grid, unless sampling="cell".
+        Takes coordinates on these axes, whatever this first parameter is called (but not t, u or v), and the time in s.
+        Values <= 0 in the set at time t, its boundary included, and > 0 outside; ideally the signed distance. One that
+        is 0 in a whole region is refused by methods on the grid, unless sampling="cell".
     swept : callable (points, t0, t1) -> (M,), optional
         Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
         By default the library bounds `level_set` over [t0, t1] in pieces of time.
@@ -53,8 +52,7 @@ class UnsafeSet:
         The numbers of the inputs, rows of `Dynamics.inputs`, under which the set is unsafe; by default under all. A
         state in the set is then not lost by itself: the robot must only not apply one of these inputs for an interval
         in which the state may be in the set, ends included. Examples are thrust near a station, and a charger
-        that is off from 17 to 20 h. A run in which such an input is applied in the set has collided. For a map or a
-        polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
+        that is off from 17 to 20 h. For a map or a polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
     sampling : {"nodes", "steep", "cell"}
         The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
         cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
@@ -91,11 +89,6 @@ class UnsafeSet:
     inputs: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Replace `axes` and `inputs` by tuples of int, `level_set` and `swept` by the formulas read from them.
-
-        Black boxes are checked and stay. ValueError where an argument does not fit, NotTraced where a function cannot
-        be read. Whether the grid has the axes, and the problem the inputs, the problem checks.
-        """
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         if self.inputs is not None:
@@ -132,13 +125,12 @@ class UnsafeSet:
         resolution : float
             Side of a pixel, m. Required for an array; a file contains it.
         origin : (x, y) or (x, y, yaw)
-            Position of the lower left corner of the lower left pixel, m, and the rotation of the map about it, rad. For
-            an array only; a file contains it.
+            Position of the lower left corner of the lower left pixel, m, and the rotation of the map about it, rad; as
+            `resolution`.
         radius : float
             Radius of a robot with centre (x, y), by which everything unsafe is enlarged, m.
         footprint : array (K, 2), Body, or a sequence of Body
-            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
-            Disks that cover them are looked up in the map.
+            As for `polygon`. Disks that cover the robot are looked up in the map.
         tolerance : float
             How far these disks may reach beyond the footprint, m, above 0; ignored for a point. Half of it takes some
             1.4 times as many disks.
@@ -205,9 +197,9 @@ class UnsafeSet:
         footprint : array (K, 2), Body, or a sequence of Body, optional
             The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
         pose : callable (points (M, axes), t) -> (x, y, heading), optional
-            Where the polygon's frame is, m and rad, if it moves; t in s.
+            Where the frame of what is unsafe is, m and rad, if it moves; t in s.
         outside : bool
-            Whether it is a fence: what is outside of the polygon is unsafe, rather than what is inside.
+            Whether it is a fence: what is outside is unsafe, rather than what is inside.
         name : str
             For messages and pictures.
 
@@ -267,24 +259,8 @@ class UnsafeSet:
         ----------
         lower, upper : (float, float)
             The two corners, m.
-        axes : sequence of int
-            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
-            footprint; or those that the poses are functions of.
-        radius : float
-            By which it is enlarged, m: that of a disk-shaped robot.
-        footprint : array (K, 2), Body, or a sequence of Body, optional
-            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
-        pose : callable (points (M, axes), t) -> (x, y, heading), optional
-            Where the box's frame is, m and rad, if it moves; t in s.
-        outside : bool
-            Whether it is a fence: what is outside of the box is unsafe, rather than what is inside.
-        name : str
-            For messages and pictures.
-
-        Returns
-        -------
-        UnsafeSet
-            Its level set is the signed distance, m, exact outside.
+        axes, radius, footprint, pose, outside, name
+            As for `polygon`, and so is what is returned.
 
         Raises
         ------
@@ -327,26 +303,13 @@ class UnsafeSet:
             m
         radius : float
             m; for a disk-shaped robot the sum of both radii.
-        axes : sequence of int
-            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
-            footprint; or those that the poses are functions of.
-        footprint : array (K, 2), Body, or a sequence of Body, optional
-            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
-        pose : callable (points (M, axes), t) -> (x, y, heading), optional
-            Where the disk's frame is, m and rad, if it moves; t in s.
-        name : str
-            For messages and pictures.
-
-        Returns
-        -------
-        UnsafeSet
-            Its level set is the signed distance, m, exact outside.
+        axes, footprint, pose, name
+            As for `polygon`, and so is what is returned.
 
         Raises
         ------
         ValueError
-            If the centre is no pair of numbers or the radius is negative; if a footprint has no three axes to move
-            with.
+            If the centre is no pair of numbers or the radius is negative; if a footprint has no three axes.
 
         Examples
         --------
@@ -359,13 +322,7 @@ class UnsafeSet:
 
     @classmethod
     def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
-        """The set of states in which the robot (`footprint`, by default a point) meets an obstacle or leaves a fence.
-
-        parts : the convex parts of `body`, or of what is outside of it. body : the obstacle, from which its pose and
-        radius are taken. axes : the grid's, two for x and y if there is neither a footprint nor a pose. footprint :
-        vertices (K, 2), a Body or several, or None for a point. name : of the set. ValueError where the axes do not fit
-        the footprint.
-        """
+        """The set of states in which the robot meets one of the `parts` of a body, or of what is outside of it."""
         own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
         robot = footprint_of(footprint, own)
         return cls(own, body_level_set(robot, parts, body), name=name)
@@ -376,23 +333,15 @@ class UnsafeSet:
         return bool(self.level_set.depends_on_time)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
-        """Whether the set is unsafe under each of these inputs: bool, of the shape of `inputs`.
-
-        inputs : indices of any shape, which are not checked; or None, which asks whether the set is unsafe under all
-        inputs, answered in shape ().
-        """
+        """Whether the set is unsafe under each of these inputs (bool, in their shape), or under all for None."""
         if self.inputs is None or inputs is None:
             return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
         return np.isin(inputs, self.inputs)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """Values (M,) at points (M, len(axes)) of one static level-set function for the whole interval [t0, t1] (Sec.
-        5.4, 6.2.1).
+        """Values (M,) at points (M, axes) of one static level-set function for all of [t0, t1] (Sec. 5.4, 6.2.1).
 
-        view_time : "swept" for a set that contains this one at every time: by the function `swept`, or by the minimum
-        of lower bounds over `SUBSAMPLES` - 1 pieces of time. Any other text for the union of the sets at `SUBSAMPLES`
-        times, ends included. A set that does not move is evaluated once, at t0. ValueError where a black box does not
-        declare how fast it changes.
+        "swept" contains the set at every time; any other `view_time` is the union of the sets at `SUBSAMPLES` times.
         """
         if not self.moving:
             return self.level_set(points, t0)
@@ -405,10 +354,7 @@ class UnsafeSet:
         return reduce(np.minimum, [self.level_set(points, t) for t in times])
 
     def least(self, low: FloatArray, high: FloatArray, t0: float, t1: float | None, view_time: str) -> FloatArray:
-        """Lower bounds (M,) in boxes, of corners (M, len(axes)), of the level-set function at t0 or of that of `over`.
-
-        ValueError where a black box declares too little.
-        """
+        """Lower bounds (M,) in boxes, of corners (M, axes), of the level-set function at t0 or of that of `over`."""
         times = [(t0, t0)]
         if self.moving and t1 is not None:
             if view_time == "swept" and self.swept is not None:
@@ -428,10 +374,7 @@ class Solved(Protocol):
     problem: Any
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function (points (M, ndim), t) -> (M,) of the tube of the step that begins at t.
-
-        within : in how many steps the target must be reached; None for all that are left.
-        """
+        """Level-set function (points (M, ndim), t) -> (M,) of the tube, within so many steps, of the step at t."""
 
 
 @dataclass(frozen=True)
@@ -473,11 +416,6 @@ class TargetSet:
         return "ANYWHERE" if self is ANYWHERE else super().__reduce_ex__(protocol)
 
     def __post_init__(self) -> None:
-        """Replace `axes` by a tuple of int, and `level_set` by the formula that is read from it.
-
-        A black box is checked and stays. ValueError where one does not fit, NotTraced where the function cannot be
-        read. Whether the grid has the axes, the problem checks.
-        """
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
@@ -492,9 +430,9 @@ class TargetSet:
         """The tube of another table, as the target of a second problem that leads into it.
 
         Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
-        delta, within all steps that are left or `within` of them: the states from which the table reaches its target
-        or, without one, stays safe. It is empty after the table's last step and at times other than its sampling times;
-        if nothing depends on time in the table's problem, step 0 is used at every time.
+        delta: the states from which the table reaches its target or, without one, stays safe. It is empty after the
+        table's last step and between its sampling times; if nothing depends on time in the table's problem, step 0 is
+        used at every time.
 
         The tube of a grid table is interpolated between its nodes, which formulas know (`sdhj.gridded`). That its
         states reach the first table's target is not proved.
@@ -510,10 +448,6 @@ class TargetSet:
             Solved, or loaded, before.
         within : int, optional
             The most steps that its robot may take; by default all that are left.
-
-        Returns
-        -------
-        TargetSet
 
         Raises
         ------
@@ -537,11 +471,7 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
-    """The indices of inputs that a user gave for the unsafe set `name`, as a tuple of int, ascending.
-
-    given : anything. ValueError unless it is a sequence or array of one or more whole numbers >= 0, each once; whether
-    the problem has such inputs is not checked.
-    """
+    """The indices of inputs that a user gave for the unsafe set `name`, ascending; ValueError unless each is one."""
     found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
     numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)
     if not numbers or len(numbers) != len(set(numbers)):

@@ -27,14 +27,10 @@ def lipschitz_bounds(
 
     |dq1/dt - dq2/dt| <= A |q1 - q2| + b + jumps, axis by axis, for any two states on the grid under the same input at
     the same time up to `end`, s, of which one is disturbed. A_ik >= |d velocity_i / d q_k|, 1/s; b is the most that the
-    disturbance adds, in the axes' units per second.
+    disturbance adds, per second.
 
-    A velocity that may jump, also where a periodic axis closes, or be infinitely steep anywhere has zeros in its row of
-    A and of b, and in `jumps` what lies between its least and its greatest value; else `jumps` is 0. What black boxes
-    declare is added to A and b.
-
-    delta : length of the intervals, s, in which black boxes are asked for their bounds. ValueError where a black box
-    does not declare enough, or a velocity may be undefined.
+    A velocity that may jump or be infinitely steep has zeros in its row of A and of b, and what it can differ by in
+    `jumps`. ValueError where a black box does not declare enough, or a velocity may be undefined.
     """
     # Differences between nodes would take a jump J for a slope J / h, and so let velocities at both sides of it, w < h
     # apart, differ by J w / h only. With `jumps` the bound is never too low; where it is too high, nothing is left of
@@ -67,11 +63,7 @@ def lipschitz_bounds(
 
 
 def _velocities(dynamics: VectorField) -> list[list[Node]]:
-    """The velocity along each axis under each input, [input][axis], as nodes with the coordinates (state, t, v /
-    bounds).
-
-    Drift and gain that are black boxes count as 0.
-    """
+    """The velocity along each axis under each input, [input][axis], as nodes of (state, t, v / bounds)."""
     ndim, D, out = dynamics.ndim, dynamics.disturbance_dim, []
     for j in range(len(dynamics.inputs)):
         known = {leaf("p", 0): leaf("x", ndim)}
@@ -86,10 +78,7 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
 
 
 def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
-    """Lower and upper corners, (M, n) each, of equal boxes that together are the box [low, high], (n,) each.
-
-    reads (n,) bool : the coordinates along which it is cut. M is about `BEGINNING_BOXES`, and at most so many.
-    """
+    """Lower and upper corners, (M, n) each, of about `BEGINNING_BOXES` equal boxes that together are [low, high]."""
     count = int(BEGINNING_BOXES ** (1 / max(reads.sum(), 1)) + 1e-9)
     edges = np.linspace(low, high, count + 1)
     first, columns = np.indices(np.where(reads, count, 1).tolist()).reshape(len(low), -1).T, np.arange(len(low))
@@ -97,19 +86,14 @@ def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
 
 
 def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| for all of these nodes, over the box [low, high], (n,) each, of their coordinates.
-
-    inf where a node may be undefined; otherwise at most about `SETTLED_WITHIN` times the greatest value, unless the
-    search ends sooner (`_greatest`). At least one node must be given.
-    """
+    """An upper bound on |node| for all of these nodes, over the box [low, high], (n,) each; inf where undefined."""
     return max(_greatest(one, low, high) for one in dict.fromkeys(nodes))
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| over the box [low, high] of its n coordinates, (n,) each; inf where it may be undefined.
+    """An upper bound on |node| over the box [low, high] of its coordinates, at most `SETTLED_WITHIN` times a value.
 
-    By intervals over boxes: those with the greatest bounds are halved until the bound is at most `SETTLED_WITHIN` times
-    a value that is surely taken, or `ROUNDS_OF_HALVING` times.
+    By intervals over boxes, of which those with the greatest bounds are halved, `ROUNDS_OF_HALVING` times at most.
     """
     if one.op == "const":
         return abs(float(one.value))
@@ -134,21 +118,13 @@ def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
 
 
 def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
-    """A bound (M,) on the magnitude of a formula with one result in each box, and the largest magnitude that it surely
-    has in one.
-
-    low, high (M, n) : corners of the boxes.
-    """
+    """A bound (M,) on a formula's magnitude in each box [low, high], (M, n), and the largest that it surely has."""
     least, most = formula.bounds(low, high, (0.0, 0.0))
     return np.maximum(-least, most), float(np.maximum(least, -most).max(initial=0.0))
 
 
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
-    """Whether a velocity has other values at the lower than at the upper end of a periodic axis, by more than `SAME`.
-
-    nodes : velocities as functions of the coordinates (state, t, v / bounds). low, high (n,) : the ends of these
-    coordinates; the velocities are compared at one point of each of the `_boxes` of [low, high], with v = 0.
-    """
+    """Whether a velocity with v = 0 has other values at the lower than at the upper end of a periodic axis."""
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
         if sides[0] is sides[1]:
@@ -165,10 +141,7 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
 def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
     """What a drift or gain that is a black box adds to A (ndim, ndim) and b (ndim,) of `lipschitz_bounds`.
 
-    A: the slope of the drift, and that of the gain times the sum of the bounds of v. b: |gain| times the bounds of v.
-    Both are the greatest over all inputs, all states on the grid and times from 0 to `end`, s, which is cut into
-    intervals of about `delta`, s, if the dynamics depend on time. Zeros without black boxes. ValueError where a black
-    box has no slope, or the gain declares too little to be bounded.
+    A: the slope of the drift, and that of the gain times the sum of the bounds of v. b: |gain| times the bounds.
     """
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
@@ -191,11 +164,9 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
 
 
 def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
-    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box: by how much a box around a state has grown.
+    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box, all >= 0: how a box around a state has grown.
 
-    slope (ndim, ndim), 1/s; push (ndim,) or a number, per second; box (ndim,), half-widths; duration, s. All must be >=
-    0, which is not checked: the sum of the first `TERMS` terms of the exponential series then falls short of w by what
-    the others would add, which is nothing to double precision unless slope times duration is large.
+    By the first `TERMS` terms of the exponential series: exact unless slope times duration is large.
     """
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])

@@ -10,14 +10,9 @@ from sdhj.problem.problem import ReachAvoidProblem
 
 
 def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """Shrink a set by the box E: level-set function of the points x for which all of x +- E is in the set and past no
-    unsafe end.
+    """The maximum of `values` over x +- E, and over how far that reaches past unsafe ends: the set shrunk by the box E.
 
-    out(x) = max of `values` over x +- E, by linear interpolation, and of how far x +- E reaches past unsafe ends. E is
-    the half-widths problem.half_widths[0].
-
-    values : of the set, at the nodes of the subgrid of `axes`. axes : ascending; by default all. Returns an array of
-    the same shape; `values` itself where E is 0 on these axes.
+    `values` itself where E is 0 on these axes.
     """
     axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
@@ -32,13 +27,10 @@ def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequen
 
 
 def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray:
-    """Level-set function, (*shape), of the states to which an interval must lead so that the controller's point is in a
-    set.
+    """Level-set function, (*shape), of where an interval must lead for the controller's point to be in a set.
 
-    values (*shape) : of that set. Without memory the controller's point is a prediction, which is within E of the
-    state, so the result is `eroded_by_error`. With memory it is the point c that it carries from step to step (*Memory*
-    in `sdhj.problem.sensing`), and the result is the maximum of `values` over x +- problem.half_widths[1], by linear
-    interpolation; `values` itself where that is 0.
+    Without memory that point is a prediction, within E of the state; with memory it is the one that is carried on, and
+    problem.half_widths[1] stands for E.
     """
     grown = problem.half_widths[1]
     if not problem.sensing.remembers:
@@ -50,15 +42,11 @@ def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray
 
 
 def largest_in_error_box(problem: ReachAvoidProblem, values: FloatArray, points: FloatArray) -> FloatArray:
-    """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
-
-    values (*shape) : of the function. E is problem.half_widths[0]; the box is clipped at walls. On each axis the
-    largest value is at an end of the box or at a node in between; the point itself is evaluated, too. +inf where the
-    box reaches off the grid.
-    """
+    """The largest value of an interpolated grid function over x +- E, clipped at walls, for points (M, ndim): (M,)."""
     grid, columns = problem.grid, []
     if not problem.half_widths[0].any():
         return grid.interpolate(values, points)
+    # on each axis the largest value is at an end of the box or at a node in between
     for axis, (width, lower, h) in enumerate(zip(problem.half_widths[0], grid.lower, grid.spacing, strict=True)):
         x = points[:, axis, None]
         nodes = lower + h * (np.ceil((x - width - lower) / h) + np.arange(int(2 * width / h) + 1))

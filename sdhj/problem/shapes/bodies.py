@@ -40,7 +40,7 @@ MOST_SQUARES = 8_000
 
 
 class Part(NamedTuple):
-    """A convex body, or a half-plane, by its corners and edges: its points q have normal . q <= offset for all edges.
+    """A convex body, or a half-plane, by corners and edges: its points q have normal . q <= offset for all edges.
 
     A segment has edges to both sides and beyond both ends, a point has none, a half-plane one edge and no corner.
     """
@@ -52,11 +52,7 @@ class Part(NamedTuple):
 
 
 def part(corners: FloatArray, larger: float = 0.0) -> Part:
-    """The convex `Part` with these corners (K, 2), counter-clockwise: of two corners the segment, of one the point.
-
-    That the corners are convex, in this order and without repetition is not checked. larger : by how much the edges,
-    but not the corners, are moved outward, m; ignored for a point.
-    """
+    """The convex `Part` with these corners (K, 2), counter-clockwise, which is not checked; edges lie `larger` out."""
     if len(corners) == 1:
         return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     begin, end = corners, np.roll(corners, -1, axis=0)
@@ -69,10 +65,7 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
 
 
 def half_plane(normal: Any, offset: float) -> Part:
-    """The half-plane of all points q with normal . q >= offset, as a `Part`.
-
-    normal (2,) : must have length 1, which is not checked. offset : m.
-    """
+    """The half-plane of all points q with normal . q >= offset, |normal| = 1, as a `Part`."""
     return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
 
 
@@ -119,11 +112,6 @@ class Body:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
-        """Check vertices, radius and pose, and cut the body into its parts.
-
-        Vertices become a read-only copy, two equal ones a point. ValueError where one does not fit; ImportError for a
-        polygon without Shapely.
-        """
         vertices = finite_array("vertices of a body", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1:] != (2,) or not len(vertices):
             raise ValueError(f"vertices of a body must have shape (K, 2), one of them at least, got {vertices.shape}")
@@ -138,18 +126,12 @@ class Body:
 
     @cached_property
     def parts(self) -> list[Part]:
-        """The convex parts that the body consists of, in its own frame, without its radius; made once.
-
-        ImportError without Shapely if it is a polygon.
-        """
+        """The convex parts that the body consists of, in its own frame, without its radius."""
         return [part(self.vertices)] if len(self.vertices) < 3 else parts_of(outline(self.vertices))
 
     @cached_property
     def outside(self) -> list[Part]:
-        """The convex parts of all that is outside of a polygon, in its own frame; made once.
-
-        Four half-planes beyond the sides of the box around it, and what is between box and polygon.
-        """
+        """The convex parts of all that is outside of a polygon: those of the box around it, and what is beyond."""
         shape = outline(self.vertices)
         left, low, right, high = shape.bounds
         sides = [
@@ -161,10 +143,7 @@ class Body:
         return [*sides, *parts_of(box_without(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
-        """The body's pose at points (M, axes) and time t: x, y, heading, each (M,) or a number.
-
-        Without a `pose` the first three coordinates. ValueError where the pose does not return three.
-        """
+        """The body's pose at points (M, axes), by default the first three coordinates, and time t: x, y, heading."""
         if self.pose is None:
             return points[:, 0], points[:, 1], points[:, 2]
         pose = self.pose(points, t)
@@ -177,21 +156,15 @@ class Body:
 
 
 def parts_of(shape: Any) -> list[Part]:
-    """The convex parts of one or more polygons of Shapely.
-
-    Parts without an area are left out, so the list may be empty. If there are several, the edges of all are moved
-    outward by `ROUNDING` times the size of the largest, so that rounding loses no point on an edge that two share.
-    """
+    """The convex parts of one or more polygons of Shapely, without those of no area."""
     whole = convex_parts(shape)
+    # edges that parts share are moved outward, so that rounding loses no point on them
     size = max((float(np.ptp(corners)) for corners in whole), default=0.0)
     return [part(corners, ROUNDING * size if len(whole) > 1 else 0.0) for corners in whole]
 
 
 def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
-    """a . R b for vectors (2,) and R, which turns by the heading, (M,) or a number: |a| |b| cos(heading + phase).
-
-    As one cosine rather than two products, which has tight bounds over intervals of the heading; 0.0 where a or b is 0.
-    """
+    """a . R(heading) b for vectors (2,) as |a| |b| cos(heading + phase), which has tight bounds over headings."""
     cosine, sine = float(a @ b), float(a[0] * b[1] - a[1] * b[0])
     if cosine < 0.0 or (cosine == 0.0 and sine < 0.0):  # opposite ones share a node
         return -dot_turned(-a, b, heading)
@@ -203,19 +176,14 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     """Signed distance, (M,), between a part `a`, in a frame with a pose, and a part `b`, which stands still.
 
     Let s be the maximum over the edges of both parts of the least distance by which the other part's corners lie beyond
-    the edge (the module has the derivation). Where s <= 0 the parts meet, and s is the result. Elsewhere it is the
-    least distance of a corner to an edge; if b is a half-plane, s everywhere.
-
-    a : must have a corner, so be no half-plane. x, y, heading : the pose of a's frame, (M,) each or numbers, m and rad,
-    also traced.
+    the edge (see the module). Where s <= 0 the parts meet, and it is the result; elsewhere the least distance of a
+    corner to an edge, or s if b is a half-plane. `a` must have a corner.
     """
 
     def of_a(n: FloatArray) -> list[Any]:
-        """How far a's corners lie along a vector n (2,) of b's frame."""
         return [n[0] * x + n[1] * y + dot_turned(n, corner, heading) for corner in a.corners]
 
     def of_b(n: FloatArray) -> list[Any]:
-        """How far b's corners lie along a vector n (2,) of a's frame."""
         along = dot_turned(UNIT[0], n, heading), dot_turned(UNIT[1], n, heading)
         return [(p - x) * along[0] + (q - y) * along[1] for p, q in b.corners]
 
@@ -239,11 +207,7 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """The pose (x, y, heading) as seen from a frame with the pose other = (a, b, turned): a pose, too.
-
-    (R(-turned) (x - a, y - b), heading - turned), for R(angle), which turns by an angle. Numbers or arrays (M,), also
-    traced. The heading is not wrapped.
-    """
+    """The pose as seen from a frame with the pose `other`: R(-turned) (x - a, y - b), heading - turned; also traced."""
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
     cosine, sine = (math.cos(turned), math.sin(turned)) if still else (np.cos(turned), np.sin(turned))
@@ -255,11 +219,7 @@ Footprint = Any  # vertices, a Body, or several
 
 
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
-    """The bodies of a robot from what a user gives as its footprint: a Body, several, or vertices (K, 2).
-
-    [`POINT`] for None. axes : those of the set; there must be three if a body has no pose of its own. ValueError where
-    there are not, and where `given` is neither bodies nor vertices that `Body` takes; ImportError as `Body` raises it.
-    """
+    """The bodies of a robot from what a user gives as its footprint; ValueError where one has no pose and no axes."""
     if given is None:
         return [POINT]
     bodies = [given] if isinstance(given, Body) else list(given)
@@ -276,19 +236,12 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
 def body_level_set(
     robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function (points (M, axes), t) -> (M,) of the states in which a robot meets an obstacle.
+    """Make the level-set function of states in which a robot meets `parts` of an obstacle, or of what is outside of it.
 
-    The least signed distance (`clearance`) between a part of the robot and one of `parts`, less the radii of the two
-    bodies.
-
-    robot : its bodies, at least one. parts : the convex parts of the obstacle, or of what is outside of it; at least
-    one. obstacle : the body from which the parts' radius is taken, and their pose where it has one.
+    It is the least `clearance`, less the radii of the two bodies.
     """
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The least signed distance (M,) between robot and obstacle at points (M, axes) and time t, less the radius of
-        both.
-        """
         place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
         for body in robot:
             at = body.placed(points, t)
@@ -301,15 +254,11 @@ def body_level_set(
 
 
 def covering_disks(body: Body, tolerance: float) -> FloatArray:
-    """Disks (K, 3), x, y and radius in the body's frame, that cover a body and reach at most `tolerance` beyond it, m.
+    """Disks (K, 3), x, y, radius, that cover a body without its radius and reach at most `tolerance` > 0 beyond it, m.
 
-    The body's radius is left out; a point gets one disk of radius 0. Otherwise the square around the body is halved
-    into squares, until half the side of each is at most `FINE` times the depth of its middle in the body, or times the
-    tolerance. A disk about each middle, of this depth plus the tolerance as its radius, is a candidate; `fewest_disks`
-    takes as many as cover all squares, each by one disk.
-
-    tolerance : above 0, which is not checked. ValueError where more than `MOST_SQUARES` squares are needed; ImportError
-    for a polygon without Shapely.
+    The square around it is halved into squares, until half the side of each is at most `FINE` times the depth of its
+    middle in the body, or times the tolerance; a disk about each middle, of this depth plus the tolerance, is a
+    candidate.
     """
     if len(body.vertices) == 1:
         return np.array([[*body.vertices[0], 0.0]])
@@ -335,13 +284,7 @@ def covering_disks(body: Body, tolerance: float) -> FloatArray:
 
 
 def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
-    """Disks (K, 3), x, y and radius, some of those about the squares' middles, such that each square lies in one disk.
-
-    Greedy: each time the disk is taken in which most of the squares that are left lie. A square that lies in no disk,
-    not even that about its own middle, is left out; those of `covering_disks` lie in theirs.
-
-    squares (M, 2) : middles. halves (M,) : half of the sides. radii (M,) : of the disks about the middles.
-    """
+    """Some of the disks about the middles of squares (M, 2), x, y, radius, such that each square lies in one."""
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
     covers = np.ones((len(able), len(squares)), np.bool_)
@@ -349,7 +292,7 @@ def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> 
         gap = np.hypot(*(squares[able, None] - corners[None, :, k]).transpose(2, 0, 1))
         covers &= gap <= radii[able, None]
     counts, found = covers.sum(axis=1), list[int]()
-    while counts.any():
+    while counts.any():  # greedy: the disk in which most of the squares that are left lie
         best = int(np.argmax(counts))
         found.append(int(able[best]))
         new = np.flatnonzero(covers[best])
@@ -359,10 +302,7 @@ def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> 
 
 
 def depths_in_body(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body, in its frame and without its radius: minus the signed distance, (M,).
-
-    At most 0 for a segment or a point, which have no inside.
-    """
+    """How deep points (M, 2) lie in a body without its radius: minus the signed distance, at most 0 for a segment."""
     if len(body.vertices) < 3:
         x, y = points.T
         return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
@@ -372,22 +312,13 @@ def depths_in_body(body: Body, points: FloatArray) -> FloatArray:
 def map_body_level_set(
     robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function (points (M, axes), t) -> (M,) of a robot that must not touch what a map shows as
-    unsafe.
+    """Make the level-set function of a robot that must not touch what a map at `origin` shows as unsafe.
 
-    The least of distance(middle of a disk) - radius of the disk - radius of the body, over the disks that cover the
-    robot's bodies (`covering_disks`).
-
-    robot : its bodies, at least one. distance : signed distance (x, y) -> (M,) to what is unsafe, in the map's frame.
-    origin : the pose (x, y, yaw) of this frame, m and rad. tolerance : how far disks may reach beyond a body, m.
-    ValueError where that takes too many disks.
+    It is the least distance(middle of a disk) - radius of the disk - radius of the body, over the `covering_disks`.
     """
     disks = [(body, covering_disks(body, tolerance)) for body in robot]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The least of the map's distance at a disk's middle, less the radii of disk and body, at points (M, axes):
-        (M,).
-        """
         found = list[Any]()
         for body, some in disks:
             x, y, heading = relative(body.placed(points, t), origin)

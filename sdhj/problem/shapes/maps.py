@@ -51,17 +51,10 @@ FORMATS = ("PPM", "PNG", "BMP")  # that map servers write; to Pillow PGM and PBM
 def map_distance(
     source: Any, resolution: float | None, origin: Sequence[float], radius: float, name: str
 ) -> tuple[Callable[[Any, Any], Any], tuple[float, float, float]]:
-    """The signed distance (x (M,), y (M,)) -> (M,) to all that a map does not show as free, less a radius, and the
-    map's pose.
+    """The signed distance (x (M,), y (M,)) -> (M,) to what a map does not show as free, less a radius, and its pose.
 
-    x, y and distance are in m, in the map's frame, whose pose is the second result, (x, y, yaw).
-
-    source : the path of a map server's YAML file, or a bool array (rows, columns), True where the map is occupied or
-    unknown, row 0 at the top. resolution : side of a pixel, m, and origin : (x, y) or (x, y, yaw) of the map's lower
-    left corner; both for an array only. radius : m. name : of the set, for messages.
-
-    ValueError where an argument does not fit, a file cannot be read or is invalid, no pixel is free, or there are too
-    many; MemoryError where reading does not fit; ImportError where a package of the extra `maps` is missing.
+    All in m, in the map's frame, whose pose is (x, y, yaw). The arguments are those of `UnsafeSet.from_map`, and so are
+    the errors.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
@@ -90,10 +83,6 @@ def map_distance(
     del nodes
 
     def distance(x: Any, y: Any) -> Any:
-        """The table's interpolant at the point of the map nearest to (x, y), less the distance to that point.
-
-        x, y : (M,) each, in the map's frame, m; also traced. Returns (M,), m.
-        """
         past = [np.maximum(one - size, np.minimum(one, 0.0)) for one, size in ((x, width), (y, height))]  # 0 on the map
         return table(np.stack([x, y], axis=1)) - np.hypot(*past)
 
@@ -101,14 +90,9 @@ def map_distance(
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
-    """Signed distance to blocked pixels and to what is outside the map, m, negative in them, at nodes half a pixel
-    apart.
+    """Signed distance to blocked pixels and to what is outside the map, m, at nodes half a pixel apart.
 
-    It is the distance to the border of the unsafe set: to the nearest node that is both on a blocked square, or at the
-    edge of the map, and on a free one.
-
-    blocked (rows, columns) : bool, row 0 at the top; some pixel must be free. side : of a pixel, m. Returns
-    (2 columns + 1, 2 rows + 1), x before y, both ascending. ImportError without SciPy.
+    blocked (rows, columns), row 0 at the top; the result (2 columns + 1, 2 rows + 1), x before y, both ascending.
     """
     try:
         from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -116,7 +100,6 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
         raise ImportError(f"distances on a map need SciPy; {MISSING}") from error
 
     def closed(cells: FloatArray) -> FloatArray:
-        """Whether each node touches the closed square of one of the cells, (n, m) bool: (2 n + 1, 2 m + 1) bool."""
         centres = np.zeros([2 * n + 1 for n in cells.shape], np.bool_)
         centres[1::2, 1::2] = cells
         return np.asarray(binary_dilation(centres, np.ones((3, 3))))
@@ -125,6 +108,7 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
     unsafe, off_border = closed(cells), closed(~cells)
     unsafe[[0, -1]] = unsafe[:, [0, -1]] = True  # they touch the outside of the map
     np.logical_not(np.logical_and(off_border, unsafe, out=off_border), out=off_border)
+    # the border of the unsafe set is on a blocked square, or at the edge of the map, and on a free one
     nearest = distance_transform_edt(off_border, return_distances=False, return_indices=True)
     del off_border
     out, columns = np.empty(unsafe.shape), np.arange(unsafe.shape[1])
@@ -135,15 +119,10 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
 
 
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
-    """The pixels that are not free, (rows, columns) bool, the side of a pixel, m, and the origin (x, y, yaw) of a map.
+    """The pixels that are not free, (rows, columns) bool, the side of a pixel, m, and the origin of a map's YAML file.
 
-    path : a map server's YAML file, which names its picture relative to its own folder. As for the map server, a pixel
-    is free if its darkness (its lightness with `negate`), from 0 to 1, is below `free_thresh`. All other pixels are
-    occupied or unknown, in mode "trinary" and in mode "scale" alike, and so are pixels that are not opaque.
-
-    Warns where grey 205, which marks unknown pixels, counts as free. ValueError, with the file's name, where the file
-    or the picture cannot be read or is not what it should be; MemoryError where the picture does not fit; ImportError
-    without PyYAML or Pillow.
+    As for the map server, a pixel is free if its darkness (its lightness with `negate`), from 0 to 1, is below
+    `free_thresh`, in every mode.
     """
     try:
         import yaml
@@ -190,11 +169,7 @@ def number_or_text(text: Any) -> Any:
 
 
 def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque (bool): (rows, columns) each.
-
-    ValueError, with the path, where it is none of `FORMATS`, damaged or too large; MemoryError where it does not fit;
-    ImportError without Pillow.
-    """
+    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque (bool): (rows, columns) each."""
     try:
         from PIL import Image
     except ImportError as error:
@@ -250,11 +225,7 @@ def bytes_of_file(path: Path, most: int) -> bytes:
 
 
 def require_memory_for_map(width: int, height: int) -> None:
-    """Refuse a map that is too large, from its width and height in pixels, before it is read.
-
-    ValueError where its table of distances is larger than a problem may have; MemoryError where reading it does not
-    fit.
-    """
+    """Refuse a map that is too large, from its width and height in pixels, before it is read."""
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:
         raise ValueError(

@@ -17,11 +17,7 @@ ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts
 
 
 def outline(vertices: Any) -> Any:
-    """The polygon with these vertices (K, 2), as a simple polygon of Shapely, counter-clockwise.
-
-    vertices : in either direction, K >= 3; a vertex that equals the one before it is dropped. ValueError for another
-    shape, for values that are not finite, and where edges meet or there is no area; ImportError without Shapely.
-    """
+    """The polygon with these vertices (K, 2), in either direction, as a simple one of Shapely, counter-clockwise."""
     try:
         import shapely
     except ImportError as error:
@@ -36,10 +32,7 @@ def outline(vertices: Any) -> Any:
 
 
 def triangles(shape: Any) -> list[FloatArray]:
-    """The triangles that a polygon of Shapely is cut into, as a list of their corners (3, 2), counter-clockwise.
-
-    Of a convex polygon the list has the corners (K, 2) of the polygon itself alone. Holes are left out.
-    """
+    """The corners (3, 2), counter-clockwise, of triangles of a polygon of Shapely; of a convex one its own (K, 2)."""
     import shapely
 
     convex = [shape] if shape.convex_hull.equals(shape) else shapely.constrained_delaunay_triangles(shape).geoms
@@ -47,21 +40,16 @@ def triangles(shape: Any) -> list[FloatArray]:
 
 
 def corners_of(shape: Any) -> FloatArray:
-    """The corners (K, 2) of the outer ring of a polygon of Shapely, counter-clockwise, the first not repeated at the
-    end.
-
-    Holes are ignored. shape : a shapely.Polygon of some area.
-    """
+    """The corners (K, 2) of the outer ring of a polygon of Shapely, counter-clockwise, the first not repeated."""
     import shapely
 
     return np.array(shapely.orient_polygons(shape).exterior.coords[:-1])
 
 
 def convex_parts(shape: Any) -> list[FloatArray]:
-    """A few convex polygons that together are `shape`, as a list of their corners (K, 2), counter-clockwise.
+    """The corners (K, 2) of a few convex polygons that together are polygons of Shapely, also with holes.
 
-    shape : one or more polygons of Shapely, also with holes; parts without an area are left out. It is cut into
-    triangles, of which two are joined as long as their hull is no larger than both, up to the share `ROUNDING`.
+    Of their triangles two are joined as long as their hull is no larger than both, up to the share `ROUNDING`.
     """
     import shapely
 
@@ -80,27 +68,19 @@ def convex_parts(shape: Any) -> list[FloatArray]:
 
 
 def box_without(shape: Any) -> Any:
-    """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as one geometry of Shapely.
-
-    It consists of any number of polygons, of none for a polygon that is its own bounding box.
-    """
+    """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as one geometry of Shapely."""
     import shapely
 
     return shapely.difference(shapely.box(*shape.bounds), shape)
 
 
 def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArray, float], FloatArray]:
-    """Level-set function (points (M, 2), t) -> (M,) of a polygon with vertices (K, 2) that is enlarged by a radius, m.
-
-    Signed distance to the polygon, negative inside, less the radius; t does not matter. ValueError where the vertices
-    go around no simple polygon, or the radius is negative; ImportError without Shapely.
-    """
+    """Level-set function of a polygon with vertices (K, 2) that is enlarged by a radius: the signed distance, m."""
     shape = outline(vertices)
     corners, parts, radius = corners_of(shape), triangles(shape), number("radius", radius, least=0.0)
     rounding = ROUNDING * np.ptp(corners, axis=0).max()
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """Signed distance (M,) to the polygon, negative inside, at points (M, 2), less the radius; t is not used."""
         along, right, lengths = _along_edges(points, corners)
         past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
         distance = np.hypot(past, right).min(axis=1)
@@ -111,11 +91,9 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
 
 
 def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far points (M, 2) lie along and to the right of the edges of a polygon, both (M, K), and the edges' lengths
-    (K,).
+    """How far points (M, 2) lie along and to the right of each edge of a polygon, (M, K), and their lengths (K,).
 
-    corners (K, 2) : edge k begins at corner k and ends at the next one, the last at the first. Along is measured from
-    the begin of the edge.
+    corners (K, 2) : edge k begins at corner k.
     """
     edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     lengths = np.hypot(*edges.T)
@@ -124,10 +102,9 @@ def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
 
 
 def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, and > 0 at all others.
+    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, corners counter-clockwise, and > 0 at others.
 
-    It is the greatest distance to the right of an edge, or beyond the bounding box, which tightens bounds over boxes at
-    acute corners. corners (K, 2), counter-clockwise.
+    Points beyond the bounding box count, too, which tightens bounds over boxes at acute corners.
     """
     beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
     return np.maximum(_along_edges(points, corners)[1].max(axis=1), beyond.max(axis=1))
