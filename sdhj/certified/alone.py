@@ -30,7 +30,7 @@ def axes_alone(problem: ReachAvoidProblem) -> list[int]:
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
 
-def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
+def share_proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
     """The share of the states at step 0 that are proved to reach the target within `steps` steps by its axes alone.
 
     `axes` are the cells of `axes_alone`. The recursion is that of Theorem 2 with nothing unsafe.

@@ -79,9 +79,12 @@ class Arrivals:
         interval's end; along the `free` axes, of the target and of no place, every cell is asked about.
         """
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)
-        own, near = proof.cells_at(places), self._near(step)
+        own, near = proof.cells_at(places), self._cells_near_target(step)
         sides = [
-            tuple(self._along(axis, own, ends[start, j, places, axis].astype(np.int64), free) for axis in target.axes)
+            tuple(
+                self._moved_indices(axis, own, ends[start, j, places, axis].astype(np.int64), free)
+                for axis in target.axes
+            )
             for ends in (proof.low, proof.high)
         ]
         shape = [len(places), *(proof.axes[axis].count for axis in free)]
@@ -96,7 +99,7 @@ class Arrivals:
         inside = proof.bounds.inside(target, low, high, (t, t), HALVINGS, self.most)
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
-    def _along(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
+    def _moved_indices(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
         """The indices along one axis of the cells `own` (M, ndim), moved on by `by` (M,): broadcasts to (M, *free).
 
         Along an axis in `free` the index in `own` counts as 0, and the result has one entry for every cell of the axis.
@@ -108,7 +111,7 @@ class Arrivals:
             at = at + np.arange(cells.count).reshape(shape)
         return at % cells.count if cells.periodic else np.clip(at, 0, cells.count - 1)
 
-    def _near(self, step: int) -> FloatArray:
+    def _cells_near_target(self, step: int) -> FloatArray:
         """Which cells of the target's axes may meet the target at the end of the interval from `step`: (*counts)."""
         if step not in self.near:
             target, t = self.proof.problem.target, self.proof.problem.time(step + 1)

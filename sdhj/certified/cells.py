@@ -163,13 +163,13 @@ class CellAxis:
             return self._moved_to_walls(cell, low + drift, high - drift)
         if not known or not self.periodic:
             first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
-            return _counted(first), _counted(np.maximum(last, first))
+            return _whole_cells(first), _whole_cells(np.maximum(last, first))
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
         begin, end = edges[cell] + low + drift, edges[cell + 1] + high - drift
         laps = np.floor(begin / length), np.floor(end / length)
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
-        return _counted(first - cell), _counted(np.maximum(last, first) - cell)
+        return _whole_cells(first - cell), _whole_cells(np.maximum(last, first) - cell)
 
     def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
         """`moved` on an axis with layers; low and high are larger and smaller by what may stick out of a cell.
@@ -185,10 +185,10 @@ class CellAxis:
             a, b = (np.where(end <= 0.0, 0, np.maximum(one, 1)) for one in (a, b))
         if upper:
             a, b = (np.where(begin >= length, last, np.minimum(one, last - 1)) for one in (a, b))
-        return _counted(a - cell), _counted(b - cell)
+        return _whole_cells(a - cell), _whole_cells(b - cell)
 
 
-def _counted(cells: NDArray[np.float64]) -> IndexArray:
+def _whole_cells(cells: NDArray[np.float64]) -> IndexArray:
     """Numbers of cells as int64, clipped to +-`UNCOUNTABLE`; NaN, for which there is no integer, as `UNCOUNTABLE`."""
     return np.nan_to_num(np.clip(cells, -UNCOUNTABLE, UNCOUNTABLE), nan=UNCOUNTABLE).astype(np.int64)
 

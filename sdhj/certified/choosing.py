@@ -52,7 +52,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.alone import axes_alone, proved_alone
+from sdhj.certified.alone import axes_alone, share_proved_alone
 from sdhj.certified.arrivals import sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
@@ -123,32 +123,22 @@ Taken = Callable[[tuple[int, ...]], float]  # the seconds that a choice of cells
 
 
 class Speeds(NamedTuple):
-    """What is known of the velocities by `speeds_of`, at states drawn at random and under all inputs.
+    """What is known of the velocities by `speeds_of`, at states drawn at random and under all inputs."""
 
-    wider (ndim, ndim) : the mean of |J|; wider[i, k] is how much wider bounds on the velocity along axis i are in a
-        box, for each unit of its width along axis k.
-    widths (ndim,) : the mean width of the bounds on the velocity at a state, which is due to the disturbance.
-    extremes (2, ndim) : the least and the greatest velocity of all states, inputs and disturbances.
-    jacobians (SPEED_STATES, ndim, ndim) : J of each state, under one of the inputs, by differences, without a
-        disturbance.
-    displacements : those by the inputs along the axes with one velocity (`Displacements`); None where there is no such
-        axis.
-    """
-
+    # (ndim, ndim), the mean of |J|: by how much bounds on velocity i widen for each unit of a box along axis k
     wider: FloatArray
-    widths: FloatArray
-    extremes: FloatArray
+    widths: FloatArray  # (ndim,), the mean width of the bounds at a state, which is due to the disturbance
+    extremes: FloatArray  # (2, ndim), the least and the greatest of all states, inputs and disturbances
+    # (SPEED_STATES, ndim, ndim), J of each state under one input, by differences, without a disturbance
     jacobians: FloatArray
-    displacements: Any
+    displacements: Any  # along the axes with one velocity (`Displacements`); None where there is no such axis
 
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores.
 
-    By the model in the module docstring: it is no clock, so a problem has the same numbers on every machine. Fewer
-    cells where memory (`MOST_BYTES`) is what is short, or where more would prove hardly more (`WORTH`).
-
-    parts : into which an interval is cut.
+    By the model in the module docstring. Fewer cells where memory (`MOST_BYTES`) is what is short, or where more would
+    prove hardly more (`WORTH`).
     """
     speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
     steps, most = losing_steps(problem, speeds), MOST_OF_AN_AXIS / max(_lengths_led(problem, speeds), 1.0)
@@ -162,17 +152,13 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     )
 
     def kept(places: list[int]) -> float:
-        """What a choice of cells keeps by the model: the sum over n = 0..steps of exp(-DECAY * loss in n steps).
-
-        places : for each axis the index of its choice in `cells`. From 0 to steps + 1.
-        """
+        # what a choice of cells keeps: the sum over n = 0..steps of exp(-DECAY * loss in n steps)
         once = sum(rates[0, k] * float(cells[k][place].width) for k, place in enumerate(places))
         each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
     @cache  # a few hundred choices are asked for again and again
     def taken(places: tuple[int, ...]) -> float:
-        """The seconds that a solve with a choice of cells takes on two cores; infinite where memory is short."""
         return _taken(problem, _picked(cells, places), parts, speeds)
 
     best = partial(_best, problem, taken, seconds, cells)
@@ -204,14 +190,9 @@ def _best(
     tried: Sequence[_Asked],
     kept: Callable[[list[int]], float],
 ) -> tuple[list[int], _Asked]:
-    """Of the choices of cells that `_spread` returns that of which most is kept, and what it was asked for.
-
-    Choices that are not paid for count only where none is.
-
-    taken, seconds, cells : as for `_spread`. tried : what it is asked for, at least one. kept : what a choice of cells
-    keeps.
-    """
+    """Of the choices of cells that `_spread` returns that of which most is kept, and what it was asked for."""
     found = [_spread(problem, taken, seconds * one.share, cells, one.rates, one.lost, one.given) for one in tried]
+    # one that is not paid for counts only where none is
     best = max(range(len(found)), key=lambda n: (taken(tuple(found[n])) < seconds, kept(found[n])))
     return found[best], tried[best]
 
@@ -223,8 +204,6 @@ def _words_filled(
 
     A word less than those that a choice of cells takes there, as many, and one more. [] where each cell of that axis is
     led by itself.
-
-    cells : for each axis its choices of cells, from few to many. places : the choice, an index for each axis.
     """
     axes = _picked(cells, places)
     depends = place_axes(problem, axes)
@@ -241,8 +220,6 @@ def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[
 
     With twice as many cells half is lost, where losses are linear. But an input that moves by less than a cell leads
     nowhere: there what is lost times the number of cells is more than `HELD_UP` times the least of all choices.
-
-    cells : for each axis its choices of cells, from few to many. lost (ndim, choices) : what each choice loses.
     """
     each = lost * [[axis.count for axis in own] for own in cells]
     first = [int(np.argmax(own <= HELD_UP * own.min())) for own in each]
@@ -252,11 +229,7 @@ def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[
 def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
     """About as many cells as are wished along an axis, with edges as near to the target's faces as can be.
 
-    At most the share `FITTED`, or one, more or fewer, and in no more words of 64 cells. The wish itself where there is
-    no target, the axis is none of the target's or has no faces (`_faces`), and where the velocity along it is the same
-    everywhere (`is_steady`), as cells are aligned with what inputs move there.
-
-    wish : a number of cells, at least 2.
+    At most the share `FITTED`, or one, more or fewer, and in no more words of 64 cells.
     """
     # what is lost at a face is lost again in all steps, as what gets to a smaller set is smaller
     if problem.has_no_target or axis not in problem.target.axes or is_steady(problem, axis):
@@ -268,7 +241,7 @@ def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
     more = max(round(FITTED * wish), 1)
 
     def missing(count: int) -> float:
-        """The share of the axis that is in the target, between its faces, but in none of the cells inside: from 0."""
+        # the share of the axis in the target, but in none of the cells inside
         low, high = ((face - problem.grid.lower[axis]) / extent * count for face in faces)
         return (math.ceil(low - ROUNDED) - low + high - math.floor(high + ROUNDED)) / count
 
@@ -279,20 +252,13 @@ def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
 def _faces(problem: ReachAvoidProblem, axis: int) -> tuple[float, float] | None:
     """Where lines along an axis enter and leave the target, the two coordinates; None if that differs between lines.
 
-    At the first time, on `LINES` lines through the deepest of random states, of a fixed seed; to `FLAT` of the axis.
-    None as well where the random state of a line is not inside, or no state outside is found on one side of it.
-
-    axis : one of the target's axes.
+    At the first time, on `LINES` lines through the deepest of random states; to `FLAT` of the axis.
     """
     target, grid, t = problem.target, problem.grid.subgrid(problem.target.axes), problem.time(0)
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SET_STATES, grid.ndim))
     lines, k = drawn[np.argsort(target.level_set(drawn, t))[:LINES]], target.axes.index(axis)
 
     def inside(line: FloatArray, places: FloatArray) -> FloatArray:
-        """Whether each of M states on a line is in the target: (M,) bool.
-
-        line (d,) : a state on it. places (M,) : the states' coordinates along the axis.
-        """
         states = np.tile(line, (len(places), 1))
         states[:, k] = places
         return np.asarray(target.level_set(states, t) <= 0.0)
@@ -323,15 +289,10 @@ def _by_axes_alone(
 ) -> list[int]:
     """The choice of cells, an index for each axis, by which most is kept of what the target's axes prove by themselves.
 
-    [] where the target's axes are no problem of their own, or where no choice keeps anything. What is kept is the share
-    of the states that the recursion on these axes proves, times exp(-l). In l the widths of these axes count `TUBES`
-    times, since tubes of wide cells meet unsafe sets, and losses on the other axes `LEFT` times; both for each unit of
-    what the boundaries of unsafe sets take of the states outside.
-
-    taken : the seconds that a choice of cells takes. seconds : what the solve may take, on two cores. speeds : of the
-    problem. cells : for each axis its choices of cells, from few to many, equally many for all axes.
-    rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates; a row is
-        not used where `axes_alone` has the axis.
+    [] where these are no problem of their own, or no choice keeps anything. Kept is what the recursion on these axes
+    proves, times exp(-l). In l the widths of these axes count `TUBES` times, since tubes of wide cells meet unsafe
+    sets, and losses on the others `LEFT` times, for each unit of what unsafe sets' boundaries take of the states
+    outside.
     """
     alone, steps = axes_alone(problem), losing_steps(problem, speeds)
     if not alone:
@@ -345,14 +306,14 @@ def _by_axes_alone(
         if taken(tuple(places)) > seconds:
             break
         axes = _picked(cells, places)
-        proved = proved_alone(problem, [axes[k] for k in alone], steps)
+        proved = share_proved_alone(problem, [axes[k] for k in alone], steps)
         kept = proved * math.exp(-lost[range(len(axes)), places].sum())
         best, most = (places, kept) if kept > most else (best, most)
     return best
 
 
 def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
-    """The chosen cells of every axis: cells[k][places[k]] for axis k; `cells` and `places` are equally long."""
+    """The chosen cells of every axis: cells[k][places[k]] for axis k."""
     return tuple(own[place] for own, place in zip(cells, places, strict=True))
 
 
@@ -361,14 +322,9 @@ def _led_far(
 ) -> list[dict[int, int]]:
     """Choices of cells for the axes `alone`, from few cells to many: {axis: index of its choice in cells[axis]}.
 
-    Along an axis only those choices count that are the widest cells of which the farthest displacement by an input
-    passes k whole cells, for k = 1, 2, ...; all choices where there is no such one. On all axes together those are
-    combined that lose about alike: at most `LEADING` choices, possibly none.
-
-    alone : numbers of axes, at least one.
-    cells : for each axis its choices of cells, from few to many.
-    m (ndim,) : what is lost at once for each unit of a cell's width.
-    most : the number of images, cells times inputs, from which on a choice is left out.
+    Along an axis those are the widest cells of which the farthest displacement by an input passes k whole cells, for k
+    = 1, 2, ..., or else all; of all axes those are combined that lose about alike by `m` (ndim,), with at most `most`
+    images.
     """
     some, out = {}, list[dict[int, int]]()
     for axis in alone:
@@ -378,7 +334,6 @@ def _led_far(
         some[axis] = [i for i in range(1, len(whole)) if whole[i] > max(whole[i - 1], 0)] or [*range(len(whole))]
 
     def lost(axis: int, place: int) -> float:
-        """What an axis loses at once by the choice with index `place`: m[axis] times the width of its cells."""
         return m[axis] * float(cells[axis][place].width)
 
     for factor in np.geomspace(1.0, MOST_OF_AN_AXIS, LEADING) / m[alone].max(initial=1e-300):
@@ -402,12 +357,7 @@ def _spread(
 
     Each axis has the choice of least factor * lost / share^(1 - SHARPNESS) + log(number of cells), share being what a
     single cell as wide as the axis would lose; the factor, one for all axes, is found by bisection. Where even the
-    smallest factor does not fit, its choices are returned all the same.
-
-    taken : the seconds that a choice of cells takes. seconds : what the solve may take, on two cores.
-    cells : for each axis its choices of cells, from few to many, equally many for all axes.
-    rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
-    given : for the axes whose choice is made already, its index: {axis: index}.
+    smallest factor does not fit, its choices are returned all the same. Axes in `given` have their choice.
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
@@ -420,15 +370,10 @@ def _spread(
         crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
-        """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd.
-
-        crowd is the logarithm of the number of cells, infinite for choices that are ruled out.
-        """
         each = np.minimum(factor, limits)[:, None]
         return np.argmin(each * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
-        """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
         return lost[every, places].sum() > WORTH and taken(tuple(places.tolist())) < seconds
 
     least = 2 / (shares**SHARPNESS).max()
@@ -445,10 +390,7 @@ def _spread(
 
 
 def _taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> float:
-    """The seconds that a solve with cells `axes` takes on two cores; infinite for `MOST_BYTES` of memory or more.
-
-    parts : into which an interval is cut. speeds : of the problem.
-    """
+    """The seconds that a solve with cells `axes` takes on two cores; infinite for `MOST_BYTES` of memory or more."""
     large = peak_bytes(problem, axes, parts, moves_of(problem, axes, place_axes(problem, axes))[1])
     steps = problem.steps or losing_steps(problem, speeds)
     entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
@@ -457,24 +399,18 @@ def _taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, s
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
-    """The number of steps over which losses are added up: until the slowest coordinate that moves has crossed its axis.
-
-    At least 1, at most `problem.most_steps`; 1 where a velocity is undefined, which is refused where its bounds are
-    asked for. speeds : of the problem (`speeds_of`).
-    """
+    """The number of steps over which losses are added up: until the slowest moving coordinate has crossed its axis."""
     fastest = np.abs(speeds.extremes).max(axis=0)
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     longest = (extent / np.where(fastest > 0, fastest, np.inf)).max() / problem.delta
+    # refused where its bounds are asked for
     if not math.isfinite(longest):
         return 1
     return int(min(problem.most_steps, max(math.ceil(longest), 1)))
 
 
 def _lengths_led(problem: ReachAvoidProblem, speeds: Speeds) -> float:
-    """How many times its axis a coordinate moves in an interval, about twice of the most; 0 if that is undefined.
-
-    speeds : of the problem (`speeds_of`), at some states only.
-    """
+    """How many times its axis a coordinate moves in an interval, about twice of the most; 0 if that is undefined."""
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     led = 2 * problem.delta * float((np.abs(speeds.extremes).max(axis=0) / extent).max())
     return led if math.isfinite(led) else 0.0
@@ -505,12 +441,9 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 def lost_to(
     problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
 ) -> FloatArray:
-    """The share of a set that is lost to each of n choices of the cells of one axis, (n,); it may be more than 1.
+    """The share of a set, perhaps more than 1, that is lost to each of n choices of the cells of one axis: (n,).
 
     The cells' width times the first two rates, plus the third times what `rounded_out` returns.
-
-    rates (3,) : the axis's column of what `losses` returns; the third is 0 unless the axis `is_steady`. choices : the
-    cells of the axis, n times. speeds : of the problem.
     """
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
@@ -521,14 +454,11 @@ def lost_to(
 def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, displaced: "Displacements") -> FloatArray:
     """By how much images in whole cells fall short of the displacements by the inputs along a steady axis: (n,).
 
-    In the axis's unit, a mean over directions. Along each direction let the input that leads farthest lead by P, and
-    the one that leads farthest in whole cells by P': then P - P' is lost, in P / P' times as many steps, at most
-    `SLOWED` times. Where the velocity depends on the coordinate and there is a target, what the image ends too late by
-    is added, as it misses the target as well. Where all inputs move the coordinate alike, it is half of what rounding
-    adds to both ends of an image.
-
-    axis : one of `displaced.axes`. widths (n,) : of the cells of each choice; in a direction all axes are cut into
-    cells of the same share of their scale.
+    In the axis's unit, a mean over directions. Along each let the input that leads farthest lead by P, and the one that
+    leads farthest in whole cells by P': then P - P' is lost, in P / P' times as many steps, at most `SLOWED` times.
+    Where the velocity depends on the coordinate and there is a target, what the image ends too late by is added, as it
+    misses the target as well. Where all inputs move the coordinate alike, it is half of what rounding adds to both
+    ends.
     """
     drift, out = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis])), np.zeros(len(widths))
     at = displaced.axes.index(axis)
@@ -558,27 +488,17 @@ def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, displ
 
 
 class Displacements(NamedTuple):
-    """The inputs' displacements in one interval along the axes with one velocity, and directions to compare them in.
+    """The inputs' displacements in one interval along the axes with one velocity, and directions to compare them in."""
 
-    axes (a) : the numbers of the axes along which the velocity is the same everywhere (`is_steady`).
-    moves (a, L', 2) : the least and the greatest displacement along each by each input, in its unit; inputs that are
-        alike count once.
-    scales (a,) : the range of the inputs' mean displacements along each axis; 0 where all inputs are alike.
-    directions (2 n, a) : unit vectors in units of these scales, n drawn at random, then their opposites; 0 along axes
-        of scale 0.
-    """
-
-    axes: list[int]
+    axes: list[int]  # the a axes along which the velocity is the same everywhere (`is_steady`)
+    # (a, L', 2), the least and the greatest along each by each input, in its unit; alike ones count once
     moves: FloatArray
-    scales: FloatArray
-    directions: FloatArray
+    scales: FloatArray  # (a,), the range of the inputs' mean displacements; 0 where all inputs are alike
+    directions: FloatArray  # (2 n, a), unit vectors in units of these scales, n drawn at random, then their opposites
 
 
 def _displacements(problem: ReachAvoidProblem) -> Displacements | None:
-    """The `Displacements` of a problem, n being `DIRECTIONS`, or 1 if inputs differ along one axis at most.
-
-    None where no axis `is_steady`. The directions are drawn with a fixed seed.
-    """
+    """The `Displacements` of a problem, n being `DIRECTIONS`, or 1 if inputs differ along one axis at most, or None."""
     axes = [axis for axis in range(problem.grid.ndim) if is_steady(problem, axis)]
     if not axes:
         return None
@@ -596,11 +516,8 @@ def _displacements(problem: ReachAvoidProblem) -> Displacements | None:
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
     """m (ndim,): how often lines along each axis cross the boundary of a set, for each unit of length inside it.
 
-    In the inverse of the axes' units, and added up over the target, each unsafe set and unsafe ends. Counted between
-    nodes of the problem's grid, or of a coarser one of at most `SET_NODES`; a mean over the first, the middle and the
-    last time for a set that moves. A set without nodes counts as one with a single node.
-
-    left : count the unsafe sets alone, without ends, for each unit of length that lines are outside.
+    Added up over the target, each unsafe set and unsafe ends; of what is `left`, unsafe sets alone, for each unit
+    outside.
     """
     grid, out = problem.grid, np.zeros(problem.grid.ndim)
     if not left:
@@ -612,25 +529,20 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
 
 class _Border(NamedTuple):
-    """How much of its axes a set takes, and how often lines cross its boundary.
+    """How much of its axes a set takes, and how often lines cross its boundary."""
 
-    inside : the share of the states that are in the set. crossings (d,) : for each unit of length, along each of the
-    set's axes. least : the share of a single node at which the set was looked at.
-    """
-
-    inside: float
-    crossings: FloatArray
-    least: float
+    inside: float  # the share of the states that are in the set
+    crossings: FloatArray  # (d,), for each unit of length along each of the set's axes
+    least: float  # the share of a single node at which the set was looked at
 
 
 def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
     """The `_Border` of a set of a problem, counted between nodes of its grid, or of a coarser one of `SET_NODES`.
 
-    A mean over the first, the middle and the last time for a set that moves. Remembered by the problem.
+    A mean over the first, the middle and the last time for a set that moves.
     """
 
     def counted() -> _Border:
-        """The same, counted anew."""
         own, steps = problem.grid.subgrid(part.axes), problem.most_steps
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
@@ -644,14 +556,12 @@ def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     """The `Speeds` of a problem: bounds on the velocity at `SPEED_STATES` random states and in small boxes there.
 
-    At the first time; the states are drawn with a fixed seed. Entries are not finite where a velocity is undefined.
-    Remembered by the problem.
+    Entries are not finite where a velocity is undefined.
     """
     return problem.remembered("speeds", lambda: read_only(_speeds_of(problem)))
 
 
 def _speeds_of(problem: ReachAvoidProblem) -> Speeds:
-    """The `Speeds` of a problem, found anew."""
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
@@ -673,12 +583,7 @@ def _speeds_of(problem: ReachAvoidProblem) -> Speeds:
 
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
-    """The seconds of one core that preparing a proof takes, and those of the recursion: (preparing, recursion).
-
-    Sums of what `costs` returns, whose arguments these are.
-
-    axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
-    """
+    """The seconds of one core that preparing a proof takes, and those of the recursion."""
     each = costs(problem, axes, parts, speeds)
     return each["intervals"] + each["unsafe sets"] + each["arrivals"], each["recursion"]
 
@@ -687,8 +592,6 @@ def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, sp
     """Seconds of one core that each part of a solve takes: "intervals", "unsafe sets", "arrivals", "recursion".
 
     Counts of operations times the constants of this module, so the same on every machine.
-
-    axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
     """
     depends = place_axes(problem, axes)
     moves = moves_of(problem, axes, depends)[1]
@@ -716,15 +619,13 @@ def _cost_of_sets(
 ) -> float:
     """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
 
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place.
-    often : (starts of moves, starts of clear inputs, parts of an interval), how many of each there are.
-    speeds : of the problem.
+    `often` is how many starts of moves, starts of clear inputs and parts of an interval there are.
     """
     (starts, times, parts), count, out = often, len(problem.inputs), 0.0
     cells = math.prod(axis.count for axis in axes)
 
     def asked(axes_of: Iterable[int]) -> float:
-        """For how many cells a tube is tested against a set of the axes `axes_of`: one of those that are alike."""
+        # one of those that are alike
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     for unsafe_set in problem.unsafe:
@@ -747,13 +648,10 @@ def _cost_by_cells(
     speeds: Speeds,
     tubes: float,
 ) -> float:
-    """Seconds to mark the cells of which tubes may meet an unsafe set, by the corners of tubes in sums of boxes.
+    """Seconds to mark the cells of which `tubes` may meet an unsafe set, by the corners of tubes in sums of boxes.
 
     Lines of cells are looked at in segments, those that meet something cell by cell, for the whole interval and for its
     first part; and in all other parts the cells beside the boundary, from where a tube may get to it.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. parts : of an interval. speeds : of the
-    problem. tubes : how many are asked about: of a cell, an input and a start.
     """
     own, border = list(unsafe_set.axes), _border(problem, unsafe_set)
     spans = parts * problem.most_steps if unsafe_set.moving else 1  # of which each has boxes of its own
@@ -781,11 +679,7 @@ def _cost_in_words(
     often: tuple[int, int, int],
     speeds: Speeds,
 ) -> float:
-    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time (`word_tubes.in_words`).
-
-    axes : the cells of all axes. unsafe_set : the set. often : (starts of moves, starts of clear inputs, parts of an
-    interval), how many of each there are. speeds : of the problem.
-    """
+    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time (`word_tubes.in_words`)."""
     (starts, times, parts), count, cells = often, len(problem.inputs), math.prod(axis.count for axis in axes)
     spans = times * parts if unsafe_set.moving else 1
     own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
@@ -798,10 +692,7 @@ def _cost_in_words(
 
 
 def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray) -> float:
-    """Seconds to judge which images lie in the target; 0 where images are judged by cells alone.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place.
-    """
+    """Seconds to judge which images lie in the target; 0 where images are judged by cells alone."""
     times, sites, _ = sites_of(problem, axes, depends)[1]
     if not times:
         return 0.0
@@ -810,13 +701,9 @@ def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], de
 
 
 def _share_inside(problem: ReachAvoidProblem) -> float:
-    """The share of the states, from 0 to 1, that are in the target at the first time; by `SET_STATES` random states.
-
-    Remembered by the problem.
-    """
+    """The share of the states, from 0 to 1, that are in the target at the first time; by `SET_STATES` random states."""
 
     def found() -> float:
-        """The same, found anew."""
         own = problem.grid.subgrid(problem.target.axes)
         points = np.random.default_rng(0).uniform(own.lower, own.upper, (SET_STATES, own.ndim))
         return float((problem.target.level_set(points, problem.time(0)) <= 0.0).mean())
@@ -827,12 +714,7 @@ def _share_inside(problem: ReachAvoidProblem) -> float:
 def _cost_of_recursion(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray, speeds: Speeds
 ) -> float:
-    """Seconds of the recursion: in each entry every cell, and the rows of the image of each, or of each 64 in a word.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. speeds : of the problem. Where nothing
-    depends on time, `CHANGING` entries count at most; for ever, as many as losses are added up over (`losing_steps`),
-    and `KEPT` for each cell that is led by itself, or `CREEPING` where every velocity depends on the state.
-    """
+    """Seconds of the recursion: in each entry every cell, and the rows of its image, or of that of 64 in a word."""
     steps = problem.steps or losing_steps(problem, speeds)
     entries = float(min(steps, CHANGING)) if problem.time_invariant else steps * (steps + 1) / 2
     cells = math.prod(axis.count for axis in axes)
@@ -842,6 +724,7 @@ def _cost_of_recursion(
     alone = depends[packed] or problem.grid.has("frees")
     widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
     whole = cells / counts[packed] * in_whole_words(counts[packed])  # part of a word takes as long
+    # for ever
     if problem.steps is None and (alone or problem.dynamics.reads.any(axis=1).all()):
         return cells * KEPT if alone else whole * CREEPING
     image = np.minimum(2 + problem.delta * (speeds.widths + speeds.wider @ widths) / widths, counts)
@@ -855,21 +738,17 @@ def in_whole_words(count: int) -> int:
 
 
 def _moved_alike(speeds: Speeds) -> list[int]:
-    """The numbers of the axes along which there is one velocity, the same under all inputs; [] if there are none."""
+    """The numbers of the axes along which there is one velocity, the same under all inputs."""
     some = speeds.displacements
     return [] if some is None else [axis for axis, scale in zip(some.axes, some.scales, strict=True) if not scale]
 
 
 def _operations(function: Any) -> int:
-    """How many operations a function costs for a point: those of its graph, a look-up in a table as `LOOK_UP` more.
-
-    function : a `sdhj.formulas.formula.Formula` or a `BlackBox`, which cannot be read and counts as `BLACK_BOX`.
-    """
+    """How many operations a function costs for a point: those of its graph, a look-up in a table as `LOOK_UP` more."""
     if isinstance(function, BlackBox):
         return BLACK_BOX
 
     def counted() -> int:
-        """The same, of a function that is read, counted anew: large graphs are asked for at each number of cells."""
         operations = [one.op for one in ordered(function.outputs)]
         return len(operations) + LOOK_UP * operations.count("gridded")
 

@@ -89,14 +89,14 @@ def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tup
     """What keeps a state (1, ndim) out of a tube, as `Explanation.causes`, and what may help: texts."""
     grid = table.on_few_nodes
     if grid is None:
-        return (), [UNKNOWN, *for_ever(table)]
+        return (), [UNKNOWN, *advice_for_ever(table)]
     space, asked = grid.problem.grid, {"start": step, "within": within}
     if grid.contains(state, **asked)[0]:
-        return ("creep" if table.problem.has_no_target else "rounding",), [MORE_CELLS, *for_ever(table)]
+        return ("creep" if table.problem.has_no_target else "rounding",), [MORE_CELLS, *advice_for_ever(table)]
     # a state that the grid lacks may be in finer tubes where the grid has something within a node
     around = state + np.array(list(itertools.product((-1, 0, 1), repeat=space.ndim))) * space.spacing
     near = grid.contains(np.clip(space.wrapped(around), space.lower, space.upper), **asked).any()
-    return (), [UNDECIDED if near else BEYOND, *for_ever(table)]
+    return (), [UNDECIDED if near else BEYOND, *advice_for_ever(table)]
 
 
 def scanty_finding(table: Any) -> Finding | None:
@@ -132,11 +132,11 @@ def scanty_finding(table: Any) -> Finding | None:
     at = np.array2string(drawn[np.argmax(has if has.any() else lost)], precision=3, separator=", ")
     some = MORE_CELLS if has.any() else BEYOND if table.on_few_nodes else UNKNOWN
     return Finding(
-        f"{message}. ", share, f"What may help: {'; '.join([some, *for_ever(table)])}. See table.explain({at})"
+        f"{message}. ", share, f"What may help: {'; '.join([some, *advice_for_ever(table)])}. See table.explain({at})"
     )
 
 
-def for_ever(table: Any) -> list[str]:
+def advice_for_ever(table: Any) -> list[str]:
     """What may help where nothing is certified for ever, as texts: longer intervals, cells where it creeps, no axis."""
     problem, names = table.problem, table.problem.grid.names
     if not (table.details.get("endless") and problem.has_no_target) or table.fraction():
@@ -150,10 +150,10 @@ def for_ever(table: Any) -> list[str]:
     led = (np.maximum(table.proof.low, -table.proof.high).max(axis=(0, 1)) > 0).mean(axis=0) > 0.5
     for axis in np.flatnonzero((np.ptp(each, axis=0) > 0) & ~led):
         out.append(f"more cells along {names[axis]}, where no input leads on by a whole cell in an interval")
-    return out + left_out(problem)
+    return out + advice_to_leave_out(problem)
 
 
-def left_out(problem: ReachAvoidProblem) -> list[str]:
+def advice_to_leave_out(problem: ReachAvoidProblem) -> list[str]:
     """Advice, for each axis that no velocity and no unsafe set reads, to leave it out, with what that gives up."""
     grid, out = problem.grid, []
     read: Any = problem.dynamics.reads.any(axis=0)

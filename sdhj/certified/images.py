@@ -56,10 +56,9 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
-    Of constant dynamics it is what `prediction_error_along` returns. Of others it is the error of a measurement where
-    there is no delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity
-    within E of a prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most
-    `GUESSES`. ValueError where none is found within the grid.
+    With a delay and dynamics that are not constant a box with error + delay * D(E) <= E, where D(E) is by how much a
+    disturbed velocity within E of a prediction may differ from the undisturbed one there (`_spread`). ValueError where
+    none is found within the grid.
     """
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
@@ -106,11 +105,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
-        """The least and the greatest velocity in the pieces of the state space, each widened: (2, tasks, pieces, ndim).
-
-        bounds : of the velocity, with or without the disturbance. more : by how much pieces are widened on both sides,
-        (ndim,) or one number for all axes, besides by what a state moves in a stride.
-        """
+        # the extremes (2, tasks, pieces, ndim) in pieces of the state space, widened
         each = zip(tasks, travel, strict=True)
         found = [bounds.velocity(j, low + a - more, high + b + more, *times) for (j, times), (a, b) in each]
         return np.stack(found, axis=1)
@@ -118,7 +113,6 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     slow, fast = near(Bounds(calm), 0.0)
 
     def spread(box: FloatArray) -> FloatArray:
-        """D(box): by how much a disturbed and an undisturbed velocity within `box` (ndim,) may differ, (ndim,)."""
         least, most = near(disturbed, box)
         return np.maximum(most - slow, fast - least).max(axis=(0, 1))
 
@@ -153,10 +147,7 @@ class Proof(ReadOnly):
         return np.zeros(len(some), np.int64)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to `cells`, S_k^1 for k = step, in place, those that an input leads into the target itself.
-
-        cells : (rows, W) uint64. Here it does nothing; a proof that knows of such cells overrides it.
-        """
+        """Add to `cells`, S_k^1 for k = step, in place, those that an input leads into the target itself; here none."""
 
     @property
     def rows(self) -> int:
@@ -175,7 +166,7 @@ class Proof(ReadOnly):
 
     @kept
     def cells(self) -> Cells:
-        """The cells as arrays for compiled code (`Cells`), made once, at first use."""
+        """The cells as arrays for compiled code."""
         return cells_of(self.axes, self.rows, not sees_walls(self.problem))
 
     @kept
@@ -198,10 +189,7 @@ class Proof(ReadOnly):
 
     @kept
     def prediction_error(self) -> FloatArray:
-        """E (ndim,), how far a prediction may be off along each axis: what the function `prediction_error` returns.
-
-        Computed once; ValueError where there is no bound.
-        """
+        """E (ndim,), what the function `prediction_error` returns; ValueError where there is no bound."""
         return prediction_error(self.problem)
 
 
@@ -211,8 +199,6 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     They are the axes that a velocity depends on, those whose cells are not all of one width, and those with a wall; but
     not an axis with a wall along which the velocity is always in one range: there the image is what it would be without
     the wall, clipped.
-
-    axes : the cells of each axis.
     """
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     held = np.logical_or.reduce(problem.grid.ends_where("holds"), axis=0)
@@ -229,10 +215,7 @@ def moves_of(
 ) -> tuple[FloatArray, tuple[int, ...]]:
     """The strides of places, (ndim,), and the shape (starts, L, places, ndim) of moves.
 
-    A cell is at the place with number sum(cell * strides); a stride is 0 on an axis that is no place's. starts is N
-    where the dynamics depend on time, else 1.
-
-    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`place_axes`).
+    A cell is at the place with number sum(cell * strides). starts is N where the dynamics depend on time, else 1.
     """
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
     strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
@@ -252,8 +235,6 @@ TRIES = 12  # to find a box that the state stays in
 class Images(Proof):
     """Where each input leads the cells at each place in one interval: boxes of cells, as offsets in cells.
 
-    For problem, axes and parts see `Proof`.
-
     Attributes
     ----------
     strides : (ndim,) int64
@@ -268,12 +249,11 @@ class Images(Proof):
     high: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the strides read-only."""
         read_only(self.strides)
 
     @cached_property
     def bounds(self) -> Bounds:
-        """The `Bounds` of the problem on its velocity and its level-set functions; made once, at first use."""
+        """The `Bounds` of the problem on its velocity and its level-set functions."""
         return Bounds(self.problem)
 
     @cached_property
@@ -289,10 +269,7 @@ class Images(Proof):
 
     @property
     def _all_times(self) -> tuple[float, float]:
-        """Times, s, between which all intervals of the problem lie: 0 and t_N, or infinity without a number of steps.
-
-        t_N is N delta, and later by the delay of a `Sensing`.
-        """
+        """Times, s, between which all intervals of the problem lie: 0 and t_N, infinity with no number of steps."""
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
     @kept
@@ -301,10 +278,7 @@ class Images(Proof):
         return np.stack(self.problem.grid.faces("frees"))
 
     def moves(self, step: int) -> Moves:
-        """The images of the interval from a step as arrays for compiled code, `Moves`.
-
-        step : not used where images are known for one start only, which then serve all steps.
-        """
+        """The images of the interval from a step as arrays for compiled code."""
         start = min(step, len(self.low) - 1)
         return Moves(self.low[start], self.high[start], self.strides, self.open_ends)
 
@@ -320,10 +294,7 @@ class Images(Proof):
 
     @kept
     def depends(self) -> FloatArray:
-        """depends[i, k], bool: whether the offset of images along axis i varies with the cell's index along axis k.
-
-        Over all inputs and steps; False for every axis k that is no place's. Computed once, at first use.
-        """
+        """depends[i, k], bool: whether the offset of images along axis i varies with the cell's index along axis k."""
         ndim, own = len(self.axes), self.strides > 0
         moves = np.stack([self.low, self.high], axis=-1).reshape(
             *self.low.shape[:2], *np.where(own, self.cells.counts, 1), ndim, 2
@@ -336,18 +307,14 @@ class Images(Proof):
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """The first and the last cell, each (M, ndim), of the boxes that cells `some` (M, ndim) are led into by inputs.
 
-        Indices may lie beyond the ends of axes: they are neither clipped nor taken around. inputs : (M,) indices, or
-        one for all. step : when the interval begins.
+        Indices may lie beyond the ends of axes: they are neither clipped nor taken around.
         """
         moves, places = self.moves(step), self.places(some)
         return some + moves.low[inputs, places], some + moves.high[inputs, places]
 
     @kept
     def farthest_moves(self) -> FloatArray:
-        """The box of offsets, in cells, that holds all images, from any place and input: (starts, 2, ndim) int64.
-
-        The first and then the last cell. Computed once, at first use, when `low` and `high` are filled.
-        """
+        """The box of offsets, in cells, that holds all images, from any place and input: (starts, 2, ndim) int64."""
         return np.stack([self.low.min(axis=(1, 2)), self.high.max(axis=(1, 2))], axis=1).astype(np.int64)
 
     def fill(
@@ -355,20 +322,14 @@ class Images(Proof):
     ) -> None:
         """Write the images of all places under all inputs from all starts into `low` and `high`, in threads.
 
-        For each slab of at most `PLACES` places, once its images are written, `use(start, j, places (M,), tubes
-        (M, parts, ndim, 2), last (M, ndim, 2))` is called in this thread: `start` is the index of the interval, places
-        are consecutive, and tubes and last are how far the ends of cells move, as `Images.swept` returns it. What it
-        returns is not used.
-
-        pieces : into which each part of the interval is cut. progress : whether to show a bar, as for `sdhj.solve`.
-
-        ValueError where no bound on a velocity is found, or an interval leads more than 32,767 cells on.
+        For each slab of at most `PLACES` consecutive places, once its images are written, `use(start, j, places (M,),
+        tubes (M, parts, ndim, 2), last (M, ndim, 2))` is called in this thread, with what `swept` returns. ValueError
+        where no bound on a velocity is found, or an interval leads more than 32,767 cells on.
         """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
 
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
-            """The numbers (M,) of the places of a slab, and what `swept` returns for them under u_j."""
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.tubes_of_places(places, j, self.problem.time(start), pieces)
 
@@ -389,13 +350,7 @@ class Images(Proof):
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
     def tubes_of_places(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """What `Images.swept` returns for the cells at places (M,), widened by the shell, under u_j: (tubes, last).
-
-        How far their ends move during each part of an interval, (M, parts, ndim, 2), and up to its end, (M, ndim, 2).
-        On the axes that are no place's the answer holds for cells anywhere.
-
-        time : when the interval begins, s. pieces : into which each part is cut. ValueError as from `swept`.
-        """
+        """What `Images.swept` returns for the cells at places (M,), widened by the shell, under u_j: (tubes, last)."""
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
@@ -417,10 +372,8 @@ class Images(Proof):
         part, (M, parts, ndim, 2), and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward,
         clipped at walls, and with sensing widened by E. For a controller that remembers, the second is that of the
         points it carries on (`_clipped`). On the axes that no place depends on the box is all that there is:
-        displacements begin at 0 and the velocity is bounded anywhere in it.
-
-        pieces : into which each part is cut, at least 1; a few more beside a layer, and where the interval may end.
-        ValueError where a velocity has no bound, or grows too fast for one to be found.
+        displacements begin at 0 and the velocity is bounded anywhere in it. ValueError where a velocity has no bound,
+        or grows too fast for one to be found.
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         off = SIDES * self._prediction_error(start)
@@ -452,8 +405,8 @@ class Images(Proof):
     def _prediction_error(self, start: FloatArray) -> FloatArray:
         """How far a state may be off a prediction in boxes `start` (2, M, ndim), along each axis: E, (M, ndim).
 
-        For a controller that remembers, 0 along an axis on which the box is a layer: there the state is known to be at
-        the wall.
+        For a controller that remembers, 0 along an axis on which the box is a layer: the state is known to be at the
+        wall.
         """
         if not self.problem.sensing.remembers:
             return np.broadcast_to(self.prediction_error, start.shape[1:])
@@ -463,10 +416,8 @@ class Images(Proof):
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
         """The displacements (2, M, ndim) of the ends of boxes to the points that a controller with memory carries on.
 
-        start (2, M, ndim) : the boxes.
-        last (2, M, ndim) : the displacements to the image of the states. E is taken off this image at both ends, but no
-            more than to its middle. An image that is held at a wall as a whole stays where it is, and no other image
-            comes as near to a wall as a layer.
+        E is taken off the image of the states, start + last, at both ends, but no more than to its middle. An image
+        that is held at a wall as a whole stays where it is, and no other image comes as near to a wall as a layer.
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
@@ -485,13 +436,7 @@ class Images(Proof):
         """The displacements of both ends of boxes `start` at the end of a piece of an interval under u_j: (2, M, ndim).
 
         moved + h F, rounded outward and clipped at walls. For each end F bounds the velocity in the face on its side of
-        a box that the states stay in during the piece.
-
-        start, moved, before : (2, M, ndim): the boxes, their ends' displacements at the begin of the piece, and what
-            these gained in the piece before, for a first guess.
-        times : when the piece begins and ends, s, h apart.
-
-        ValueError where no such box is found.
+        a box that the states stay in during the piece. `before` is what the piece before added, for a first guess.
         """
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
@@ -507,23 +452,17 @@ class Images(Proof):
         return self._clipped_at_walls(start, after)
 
     def _clipped_at_walls(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clip `moved` in place so that start + moved ends at walls, rounded outward, and return it.
-
-        start (2, M, ndim) : boxes. moved (2, M, ndim) : the displacements of their ends.
-        """
+        """Clip `moved` (2, M, ndim) in place so that start + moved ends at walls, rounded outward, and return it."""
         clip_to_walls(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float], h: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Where boxes are at the begin of a piece, start + moved, and boxes that their states stay in during it.
+        """Where boxes are at the begin of a piece, start + moved, and boxes that states stay in: two (2, M, ndim).
 
-        Two arrays (2, M, ndim). The second is found by trying larger boxes until X + [0, h] V lies inside, V the
-        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded_error`) after `TRIES`.
-
-        start, moved, before (2, M, ndim) : the boxes, their ends' displacements at the begin of the piece, and what
-            these gained in the piece before. j : the input. times : when the piece begins and ends, s.
+        The second is found by trying larger boxes until X + [0, h] V lies inside, V the velocities in the box tried and
+        h the length of the piece, s. ValueError (`_unbounded_error`) after `TRIES`.
         """
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
@@ -546,10 +485,7 @@ class Images(Proof):
     ) -> ValueError:
         """The ValueError for boxes `ends` for which no larger ones are found that states stay in; it is returned.
 
-        It names the velocity under u_j that has no bound, or else the widest of the boxes that were tried last,
-        `enclosure`.
-
-        ends, enclosure : (2, M, ndim). times : of the piece, s.
+        It names the velocity under u_j that has no bound, or else the widest of the boxes that were tried last.
         """
         names, u = self.problem.grid.names, f"input {j}"
         for boxes in (ends, enclosure):
@@ -573,10 +509,7 @@ class Images(Proof):
         """The first and the last cell that hold the cells at places (M,) after their ends have moved: two (M, ndim).
 
         As offsets from a cell's own index, int64, neither clipped nor taken around. On an axis that is no place's they
-        hold for cells anywhere. What sticks out of a cell by no more than `DRIFT` of the scale counts as inside.
-
-        moved (M, ndim, 2) : the displacements of the lower and the upper ends, in the axes' units. ValueError for
-        offsets beyond 32,767 cells.
+        hold for cells anywhere. ValueError for offsets beyond 32,767 cells.
         """
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         for axis, (own, cell) in enumerate(zip(self.axes, self.cells_at(places).T, strict=True)):
@@ -587,23 +520,16 @@ class Images(Proof):
         return low, high
 
     def over_cells(self, part: TargetSet | UnsafeSet, times: tuple[float, float]) -> FloatArray:
-        """The sign of a set's level-set function in all of each cell: 1 where > 0, -1 where <= 0, else 0; int8.
+        """The sign of a set's level-set function in all of each cell at all `times`: 1 where > 0, -1 where <= 0, or 0.
 
-        At all `times`, s to s. Cells are widened by the shell and E. The shape is that of the cells of all axes, with 1
-        for axes that the set does not depend on.
-
-        part : the target or an unsafe set.
+        Cells are widened by the shell and E. The shape is that of the cells of all axes, with 1 for axes that the set
+        does not depend on.
         """
         found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def outside_cells(self, part: UnsafeSet, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Whether each cell, widened by the shell and E, is proved to be outside a set at all `times`, s to s: bool.
-
-        The shape is that of the cells of all axes, with 1 for axes that the set does not depend on.
-
-        part : an unsafe set. asked (n1, ...) bool : the cells of the set's axes that are asked about; False for others.
-        """
+        """Whether each cell that is `asked` about is proved outside a set at all `times`: bool, as `over_cells`."""
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 

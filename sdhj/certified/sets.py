@@ -185,7 +185,6 @@ class Certified(Options):
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
-        """Check the options, and store them as int, float and tuple; ValueError where one does not fit."""
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
         object.__setattr__(self, "seconds", number("seconds", self.seconds, least=0.0))
         if self.cells is not None:
@@ -220,11 +219,7 @@ class Certified(Options):
                 parts = min(2 * parts, most)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
-        """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`.
-
-        A case study that has been changed, as by one more set, has a `GeneralProof`. MemoryError and ValueError as from
-        `Certified.sets`.
-        """
+        """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`."""
         kind: type[ArmProof] | type[GeneralProof]  # an arm with another set is a robot like any other
         kind = ArmProof if as_built(problem) else GeneralProof
         return kind.of(problem, self.axes(problem), self.parts)

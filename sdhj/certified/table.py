@@ -113,10 +113,11 @@ class CertifiedTable(Table):
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
-    def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
-        """In how many sets in rows first to last of `index`, each inside the next, a state (M, ndim) is not: (M,).
+    def _first_set(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
+        """The first set in rows first to last of `index`, each inside the next, that a state (M, ndim) is in: (M,).
 
-        A state is in a set if it is off one of its cells by no more than `slack` (ndim,).
+        From 0 to last - first + 1, for none. A state is in a set if it is off one of its cells by no more than `slack`
+        (ndim,).
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
@@ -155,8 +156,8 @@ class CertifiedTable(Table):
         """
         last = self.tube_index(step, self.steps)
         if self.problem.has_no_target:
-            return self._fewest(states, last, last, self.proof.shell) * (self.steps - step + 1)
-        return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
+            return self._first_set(states, last, last, self.proof.shell) * (self.steps - step + 1)
+        return self._first_set(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether states (M, ndim) are in the tube (start, within), in its cells or `arrived`: (M,) bool."""
@@ -170,7 +171,7 @@ class CertifiedTable(Table):
         With sensing, only where every measurement or prediction of it is, all of the box E around it.
         """
         place = self.tube_index(start, within)
-        out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
+        out = self._first_set(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
             out[out] = self._inside_around(np.atleast_2d(points)[out], start, within)
         return out
@@ -201,7 +202,7 @@ class CertifiedTable(Table):
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether points (M, ndim), measured or predicted, are in no closed cell of the tube (start, within): (M,)."""
         place = self.tube_index(start, within)
-        return self._fewest(points, place, place, self.proof.rounding) > 0
+        return self._first_set(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
         """Whether the cell (ndim,) int64, indices on the grid, is certified for the tube (start, within)."""
@@ -234,7 +235,9 @@ class CertifiedTable(Table):
         A `BlackBox`, for a set of another problem. At t_k it is that of the tube of step k, at all other times 1
         everywhere, unless nothing depends on time. ValueError if `within` is no whole number from 0 to N.
         """
-        return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
+        return _level_set_of_cells(
+            self, self.steps if within is None else whole("within", within, least=0, most=self.steps)
+        )
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of boxes from low to high (M, ndim) are in a tube's cells: bool (2, M).
@@ -276,9 +279,9 @@ class CertifiedTable(Table):
             fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, held)
             return self.inputs_of(cells, np.where(held == 0, within, 0), step)
 
-        return self._united(states, asked)
+        return self._inputs_of_near_cells(states, asked)
 
-    def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def _inputs_of_near_cells(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L).
 
         `asked` is called once with all these cells (n, ndim); a state off the grid has none.
@@ -389,7 +392,7 @@ class CertifiedTable(Table):
         if self.problem.has_no_target:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
-        fewest = self._fewest(
+        fewest = self._first_set(
             self.grid.points(), self.tube_index(start, 0), self.tube_index(start, self.steps), self.proof.rounding
         )
         fewest[self.arrived(self.grid.points(), start)] = 0
@@ -484,14 +487,14 @@ class CertifiedTable(Table):
             # an estimate: not all of a cell is in the tube
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
-        shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
+        shares = _outer_product([axis.shares() for axis in self.axes[: self.proof.rows]])
         return float(np.sum(self._block_volumes[self.index[self.tube_index(start, within)]] * shares))
 
     @kept
     def _block_volumes(self) -> FloatArray:
         """The share of the packed axes' volume that each block of the pool holds, (blocks,)."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
-        shares = _product([axis.shares() for axis in axes])
+        shares = _outer_product([axis.shares() for axis in axes])
         if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
             return np.concatenate([np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in slabs]) / shares.size
         return np.concatenate([to_bits(slab, shares.size) @ shares for slab in slabs])
@@ -644,7 +647,7 @@ class CertifiedTable(Table):
         return cls(proof, index, pool, head["details"], **fields)
 
 
-def _product(factors: Sequence[FloatArray]) -> FloatArray:
+def _outer_product(factors: Sequence[FloatArray]) -> FloatArray:
     """The outer product of vectors of lengths n1, n2, ..., flat: (n1 n2 ...,), the last index fastest."""
     return reduce(np.multiply.outer, factors, np.ones(())).ravel()
 
@@ -747,7 +750,7 @@ def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> F
     )
 
 
-def _cells(table: CertifiedTable, within: int) -> BlackBox:
+def _level_set_of_cells(table: CertifiedTable, within: int) -> BlackBox:
     """The `BlackBox` of `CertifiedTable.as_level_set`, with bounds over boxes, from which a proof can go on.
 
     Its bounds raise ValueError where the tube depends on time and an interval of times is asked about.

@@ -24,23 +24,17 @@ CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
 class ProvedBatch(Batch):
     """The answers of a certified table for M states: a `Batch` whose `margins` are computed when they are first read.
 
-    These margins are numbers of steps, not values of a level-set function as those of other tables. With
-    n = max(steps_to_go, within), a certified input leads into the tube with n - 1 steps to go, and its margin is
-    min(steps to go of the undisturbed successor - (n - 1), 0): inputs of lower margins reach the target sooner. It is
-    +inf for inputs that are not certified.
-
-    table : the `CertifiedTable` that made the batch and set this field (`CertifiedTable.answers`); without it `margins`
-    raises AttributeError.
+    These margins are numbers of steps, not values of a level-set function as those of other tables. With n =
+    max(steps_to_go, within), a certified input leads into the tube with n - 1 steps to go, and its margin is min(steps
+    to go of the undisturbed successor - (n - 1), 0): inputs of lower margins reach the target sooner. It is +inf for
+    inputs that are not certified.
     """
 
     table: Any
 
     @cached_property
     def margins(self) -> FloatArray:
-        """The margins (M, L), by where inputs lead the states without a disturbance, as `ProvedBatch` says.
-
-        Computed once, from `table`, which must have been set.
-        """
+        """The margins (M, L), by where inputs lead the states without a disturbance."""
         steps_left = np.maximum(self.steps_to_go, self.within)
         moves = self.table.problem.interval(self.step).displacements(self.states)
         rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
@@ -58,12 +52,8 @@ def margins_of(
 ) -> FloatArray:
     """The margin of each safe input of states (M, ndim) at a step, +inf for others: (M, L).
 
-    min(steps to go of the undisturbed successor - (steps_left - 1), 0); past a safe end the successor has 0 to go.
-
-    table : the `CertifiedTable`. step : before the last, unless no input is safe.
-    steps_left (M,) : the steps to go by which inputs were judged.
-    safe (M, L) : bool.
-    moves (R, L, ndim), rows (M,) : the successors of state m are states[m] + moves[rows[m]].
+    min(steps to go of the undisturbed successor - (steps_left - 1), 0); past a safe end the successor has 0 to go. The
+    successors of state m are states[m] + moves[rows[m]], moves (R, L, ndim).
     """
     margins = np.full(safe.shape, np.inf)
     pairs, inputs = np.nonzero(safe)
@@ -87,15 +77,9 @@ def words_of(
 ) -> FloatArray:
     """The words of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them: (M, 2 + ceil(L / 32)) uint32.
 
-    The inputs of a word are those proved to leave max(steps to go, within) - 1 steps; a cell that is not certified has
-    `NOTHING` and no inputs.
-
-    table : the `CertifiedTable`. cells : indices, not checked. step : before the last if `within` is `CLEAR`.
-    within : of `CLEAR` the inputs are those proved to stay clear for one interval, of any cell, and the steps to go 0.
-    rule : which of a word's inputs is preferred: a built-in rule by its name, asked at the cell's centre; all inputs in
-        an order, of which the first proved one is taken; None: the one of least index.
-    among : words of the same cells, whose inputs alone are asked about; None: all inputs. Not used for `CLEAR`.
-    lines : whether the cells come in lines along `table.proof.along`, which takes less time.
+    The inputs of a word are those proved to leave max(steps to go, within) - 1 steps, or with `CLEAR` to stay clear,
+    and only those `among` other words of the same cells; a cell that is not certified has `NOTHING` and none. The rule
+    says which is preferred, None the one of least index. Cells in `lines` along `table.proof.along` take less time.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
@@ -125,13 +109,7 @@ def inputs_in(words: FloatArray, count: int) -> FloatArray:
 def chosen_of(
     table: Any, cells: FloatArray, step: int, steps_left: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
 ) -> FloatArray:
-    """The safe input that a rule prefers at the centre of each cell (M, ndim) at a step: (M,), -1 where none is safe.
-
-    table : the `CertifiedTable`. steps_left, to_go (M,) : the steps to go by which inputs were judged, and the fewest.
-    safe (M, L) : bool, the safe inputs.
-    rule : a built-in rule by its name, one of `RULES`; or a tuple of all inputs, of which the first safe one is
-        preferred; or None: the safe input of least index. Not asked where one input only is safe.
-    """
+    """The safe input that a rule prefers at the centre of each cell (M, ndim) at a step: (M,), -1 where none is."""
     count = safe.sum(axis=1)
     chosen = np.where(count > 0, safe.argmax(axis=1), NOT_ADMISSIBLE)
     some = np.flatnonzero(count > 1)
@@ -161,20 +139,16 @@ def chosen_of(
 def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
     """The input of least score for each state, of equals that of least margin, of these that of least index: (M,).
 
-    scores, margins : (M, L); an input that must not be taken has the score +inf, as far as others are finite.
+    An input that must not be taken has the score +inf, as far as others are finite.
     """
     least = scores.min(axis=1, keepdims=True)
     return np.where(scores == least, margins, np.inf).argmin(axis=1)
 
 
 class Words:
-    """The words of a certified table that have been asked for, a `WordTable` for each step, within and rule.
-
-    layers : by (start, within, rule); start is 0 where a word is one of all steps. Several threads may ask.
-    """
+    """The words of a certified table that have been asked for, a `WordTable` for each step, within and rule."""
 
     def __init__(self) -> None:
-        """No words are known yet."""
         self.layers: dict[Any, WordTable] = {}
 
     def __reduce__(self) -> Any:
@@ -187,12 +161,8 @@ class Words:
         """Steps to go (M,), proved inputs (M, L) bool and preferred inputs (M,) of states (M, ndim) at a step.
 
         -1 where there is none, as for states off the grid. A state has the inputs of all cells within whose shell it
-        lies, or of those among them that have the fewest steps to go. Words that are not known yet are made and kept.
-
-        table : the `CertifiedTable`, always the same one.
-        within : inputs are judged by the fewest steps to go, but by `within` where that is more; `CLEAR`: those that
-            stay clear.
-        rule : which proved input is preferred, as for `sdhj.certified.words.words_of`.
+        lies, or of those among them that have the fewest steps to go. Always of the same table; words that are not
+        known are made and kept.
         """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
@@ -211,25 +181,19 @@ class WordTable:
     """The words for one step, within and rule, in a hash table by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
-        """An empty hash table, for words of `width` numbers (uint32)."""
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 
     def empty(self, slots: int, width: int) -> None:
-        """Forget all words and make a hash table of `slots` slots, a power of two, for words of `width` numbers.
-
-        Not locked: callers hold `lock`, or nobody else has the layer yet.
-        """
+        """Forget all words and make a hash table of `slots` slots, a power of two, for words of `width` numbers."""
+        # callers hold the lock, or nobody else has the layer yet
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
     def look_up(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
         """Write the answers for states (M, ndim) into `out`, and first make and keep the words that are missing.
 
-        The lock is held while words are looked up and kept, not while they are made.
-
-        table : the `CertifiedTable` of which words are made. key : (start, within, rule) of this layer, as for
-            `words_of`. most : words with more steps to go count as not certified.
-        out : (to_go (M,), safe (M, L), chosen (M,)), overwritten; -1 where there is none.
+        `out` is (to_go (M,), safe (M, L), chosen (M,)), -1 where there is none or more than `most` steps to go. The
+        lock is held while words are looked up and kept, not while they are made.
         """
         start, within, rule = key
         missing = np.empty(len(states) << states.shape[1], np.int64)
@@ -245,16 +209,13 @@ class WordTable:
                 look_up(*asked, self.keys, self.words, within, most, *out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
-        """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room for them.
-
-        The caller holds `lock`. Where that takes more than `MOST_SLOTS` slots, all earlier words are forgotten. A word
-        that is known already is replaced. n : at most half of `MOST_SLOTS`, which is not checked.
-        """
+        """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room; the lock is held."""
         slots = self.keys.size
         while 2 * (self.used + numbers.size) > slots:
             slots *= 2
         if slots > self.keys.size:
             held = self.keys != FREE
+            # beyond `MOST_SLOTS` all earlier words are forgotten
             old = (self.keys[held], self.words[held]) if slots <= MOST_SLOTS else (numbers[:0], made[:0])
             self.empty(max(FIRST_SLOTS, min(slots, MOST_SLOTS)), made.shape[1])
             self.used += store_words(*old, self.keys, self.words)

@@ -14,7 +14,7 @@ from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, name_of, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
-from sdhj.solver.findings import NEARLY_EMPTY, empty_finding, gaps, target_reachable_in_a_step
+from sdhj.solver.findings import NEARLY_EMPTY, empty_finding, gaps_advice, target_reachable_in_a_step
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
@@ -142,7 +142,7 @@ def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatA
     problem, grid = table.problem, table.grid
     if len(outside) >= FEW_OUTSIDE and not target_reachable_in_a_step(problem, outside):
         return HOPELESS
-    if not table.proved and share >= ALARMING and (remedy := gaps(problem, bool(table.details.get("shifted")))):
+    if not table.proved and share >= ALARMING and (remedy := gaps_advice(problem, bool(table.details.get("shifted")))):
         return f"{remedy}; or {PROOF}"
     interval, corner = problem.interval(0), np.array(grid.lower)[None]
     still = np.ptp(interval.displacements(corner)[0], axis=0) == 0  # axes along which no input moves the robot
@@ -166,7 +166,7 @@ def check_by_runs(table: Table) -> dict[str, Any]:
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if table.problem.has_no_target:
         return {"played": _check_staying_clear(table, runs)}
-    runs = MOST_PLAYED if (remedy := gaps(table.problem, bool(table.details.get("shifted")))) else runs
+    runs = MOST_PLAYED if (remedy := gaps_advice(table.problem, bool(table.details.get("shifted")))) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps

@@ -51,9 +51,9 @@ from sdhj.solver.recursion import (
     InputRows,
     bytes_of_entry,
     equal_tubes,
-    said_of,
     tell_of_never_met,
     unshared_index,
+    why_large,
 )
 from sdhj.table import container
 from sdhj.table.batches import entry
@@ -482,7 +482,7 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
         return found
     if there:
         check_begun(found, sets)
-    said = said_of(problem, found.parts.dtype)
+    said = why_large(problem, found.parts.dtype)
     require_memory(needed := bytes_of_entry(found.parts), "an entry of this solve", said)
     for name, one in (client.scheduler_info()["workers"] if client is not None else {}).items():
         if 0 < (limit := one.get("memory_limit") or 0) < needed:

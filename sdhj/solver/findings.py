@@ -65,7 +65,7 @@ def check_resolution(problem: ReachAvoidProblem, most: float = math.inf) -> None
     samples = Samples(problem)
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling != "cell" and problem.grid.subgrid(unsafe_set.axes).size <= most:
-            each = (_hidden_finding(samples, unsafe_set, t) for t in _few_moments(problem, unsafe_set))
+            each = (_hidden_finding(samples, unsafe_set, t) for t in _few_times(problem, unsafe_set))
             tell(next(filter(None, each), None))
 
 
@@ -79,12 +79,12 @@ def check_sets(problem: ReachAvoidProblem) -> None:
     for unsafe_set in problem.unsafe:
         nowhere = _nowhere_finding(samples, unsafe_set)
         sought = nowhere or problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
-        times = _few_moments(problem, unsafe_set) if sought else []
+        times = _few_times(problem, unsafe_set) if sought else []
         hidden = (_hidden_finding(samples, unsafe_set, t, ASKED) for t in times)
         tell(next(filter(None, hidden), nowhere))
 
 
-def _few_moments(problem: ReachAvoidProblem, unsafe_set: UnsafeSet) -> list[float]:
+def _few_times(problem: ReachAvoidProblem, unsafe_set: UnsafeSet) -> list[float]:
     """Times, s, at which a set is looked at closely, from 0 to the last step; 0 alone if it does not move."""
     return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
@@ -170,12 +170,12 @@ def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
 def check_seams(problem: ReachAvoidProblem) -> None:
     """Warn of sets that are cut off, and of velocities that jump, where a periodic axis closes: of each one warning."""
     for part in problem.all_sets:
-        tell(next(filter(None, (_cut_off_finding(problem, part, t) for t in _moments(problem, part.moving))), None))
+        tell(next(filter(None, (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving))), None))
     timed = problem.dynamics.depends_on_time
-    tell(next(filter(None, (_turning_over_finding(problem, t) for t in _moments(problem, timed))), None))
+    tell(next(filter(None, (_turning_over_finding(problem, t) for t in _times(problem, timed))), None))
 
 
-def _moments(problem: ReachAvoidProblem, timed: bool) -> list[float]:
+def _times(problem: ReachAvoidProblem, timed: bool) -> list[float]:
     """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `timed`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
@@ -259,12 +259,12 @@ def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | Non
 
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant."""
-    yield from _wrong_sign_of_target(problem)
+    yield from _wrong_sign_findings(problem)
     for axis in range(problem.grid.ndim):
-        yield from _angle(problem, axis)
+        yield from _angle_findings(problem, axis)
 
 
-def _wrong_sign_of_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
+def _wrong_sign_findings(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """Yield a finding where the target's level-set function may have the wrong sign.
 
     So it may where the target fills more than half of its axes' grid, not all, and all nodes at the ends of bounded
@@ -286,7 +286,7 @@ def _wrong_sign_of_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
         )
 
 
-def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
+def _angle_findings(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
     """Yield findings of an axis that may be an angle, as all functions repeat after a whole turn, of 2 pi or 360."""
     grid = problem.grid
     length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
@@ -307,7 +307,7 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        speeds = problem.remembered("speeds at some states", partial(_fastest, problem))
+        speeds = problem.remembered("speeds at some states", partial(_greatest_speeds, problem))
         if (turns := float(speeds[axis]) * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
@@ -316,10 +316,10 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
             )
 
 
-def _fastest(problem: ReachAvoidProblem) -> FloatArray:
-    """The greatest speed along each axis at `_states` under any input: (ndim,), in the axes' units per second."""
+def _greatest_speeds(problem: ReachAvoidProblem) -> FloatArray:
+    """The greatest speed along each axis at `_tried_states` under any input: (ndim,), in the axes' units per second."""
     # if nothing depends on the state, one is enough
-    states = _states(problem)[: 1 if problem.dynamics.stateless else None]
+    states = _tried_states(problem)[: 1 if problem.dynamics.stateless else None]
     return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
 
 
@@ -328,12 +328,12 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
     # of a black box nothing is known off the grid
     if problem.opaque:
         return False
-    states, depends = _states(problem), False
+    states, depends = _tried_states(problem), False
     further, elsewhere = states.copy(), states.copy()
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
     together = np.concatenate([states, further, elsewhere])
-    for function in _functions(problem, axis):
+    for function in _functions_reading(problem, axis):
         try:
             here, there, other = np.split(function(together), 3)
         except (ValueError, ArithmeticError):  # undefined a turn on
@@ -345,13 +345,13 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
     return depends
 
 
-def _states(problem: ReachAvoidProblem) -> FloatArray:
+def _tried_states(problem: ReachAvoidProblem) -> FloatArray:
     """Random states on the grid, (`TRIED_STATES`, ndim); always the same."""
     grid = problem.grid
     return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
 
 
-def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
+def _functions_reading(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
     """Yield the functions of states (M, ndim) that may depend on an axis: velocities (M, ndim), level sets (M,)."""
     if problem.dynamics.reads[:, axis].any():
         yield from _velocities(problem)
@@ -454,7 +454,7 @@ class _Gaps(NamedTuple):
     width: float  # in the axis's unit: how wide the gaps are
 
 
-def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
+def gaps_advice(problem: ReachAvoidProblem, shifted: bool) -> str:
     """Advice in sentences, if tubes may be separate pieces that the grid does not keep apart; else "".
 
     Where reach sets are not `shifted`, nor by a formula, more nodes are needed (`ENOUGH`).
@@ -495,11 +495,11 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     """The gaps at a step by the axis along which inputs move the target; {} if tubes are one piece, or few are seen.
 
     Looked for at random states in the middle of the target, between neighbouring displacements of the inputs
-    (`_pairs`): of each axis the least push and a small width, the quantile `RARE`.
+    (`_neighbouring_pairs`): of each axis the least push and a small width, the quantile `RARE`.
     """
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
-    middle = _middle(problem, some, t)
+    middle = _deepest_nodes(problem, some, t)
     if not len(middle):
         return {}
     points = rng.uniform(grid.lower, grid.upper, (MIDDLES if count < MIDDLES else MIDDLES // 16, grid.ndim))
@@ -509,7 +509,7 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     push = np.broadcast_to(((high - low) / 2).max(axis=1), (len(points), len(axes)))
     moves = np.zeros((len(points), 1 + count, len(axes)))  # the first is that of the target itself
     moves[:, 1:] = interval.displacements(points)[..., axes]
-    state, one, other = _pairs(moves / some.spacing, rng)
+    state, one, other = _neighbouring_pairs(moves / some.spacing, rng)
     e, centres = moves[state, other] - moves[state, one], points[state][:, axes]
     length = np.abs(e) / some.spacing
     along = (length > 0) & (length >= length.max(axis=1, keepdims=True) / 2)
@@ -531,7 +531,9 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     return found
 
 
-def _pairs(displacements: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _neighbouring_pairs(
+    displacements: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Pairs of neighbours among the K `displacements` (M, K, axes), in cells; at most `MOST_PAIRS`, drawn by `rng`.
 
     Returns (pairs,) ints: states, and indices of the first and second displacement, which differ and of which no third
@@ -546,7 +548,7 @@ def _pairs(displacements: FloatArray, rng: np.random.Generator) -> tuple[FloatAr
     return some[:, 0], some[:, 1], some[:, 2]
 
 
-def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
+def _deepest_nodes(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
     """The nodes of the target's subgrid that are as deep in the target as all neighbours: states (M, axes), M >= 0."""
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values

@@ -127,7 +127,7 @@ def in_eights(reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
         yield Pieces(inputs[0], values[0].shape, [np.stack(values)], [tuple(range(values[0].ndim))])
 
 
-def past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
+def nodes_past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
     """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
 
     That is as far as the disturbance pushes the state in an interval, or the drift leads if that is less, and `BEYOND`
@@ -299,7 +299,7 @@ class HJIGames(_OnAxes):
     @cached_property
     def moving_grid(self) -> tuple[Grid, tuple[int, ...]]:
         """The grid of the moving frame, and by how many nodes it goes past the ends of each axis."""
-        past = past_ends(self.samples, self.axes)
+        past = nodes_past_ends(self.samples, self.axes)
         # Past an end the values at the end continue: at a wall the state stays there, past a safe end it has won, and
         # from an unsafe end it cannot come, which the avoid games see to.
         return self.grid.wider([(n, n) for n in past]) if any(past) else self.grid, past
@@ -509,7 +509,7 @@ class HopfLaxGames(_OnAxes):
     def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
         """Yield the maxima of -g over all that the state may reach in each piece of the interval, some inputs each."""
         samples, axes = self.samples, list(obstacle.axes)
-        grid, pieces, interval = samples.grid.subgrid(axes), self.pieces(axes), samples.interval(step)
+        grid, pieces, interval = samples.grid.subgrid(axes), self.parts_of_interval(axes), samples.interval(step)
         times = samples.problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if obstacle.instant else obstacle.values_over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
@@ -536,6 +536,6 @@ class HopfLaxGames(_OnAxes):
         low, high = narrowed(boxes[:, 0], boxes[:, 1], farthest)
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
-    def pieces(self, axes: list[int]) -> int:
+    def parts_of_interval(self, axes: list[int]) -> int:
         """Into how many pieces the interval is cut, in each of which the state moves at most a quarter of a cell."""
         return max(1, int(np.ceil(self.cells[axes].max() * 4)))

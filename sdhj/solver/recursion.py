@@ -28,7 +28,7 @@ from sdhj.problem.sets import LARGEST
 from sdhj.problem.uncertain import eroded_by_error, must_lead_into
 from sdhj.solver.avoid import avoid_tubes_of, dangers
 from sdhj.solver.findings import check_resolution, never_met_finding
-from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, nodes_past_ends
 from sdhj.table.batches import Table, entry
 from sdhj.table.table import AvoidTubes, LookupTable, entries
 
@@ -329,7 +329,7 @@ def bytes_of_entry(parts: GridParts) -> int:
     problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
     games = parts.samples.padded.grid
     count, axes = len(problem.inputs), range(problem.grid.ndim)
-    past = past_ends(parts.samples, axes) if dynamics.constant else (0,) * problem.grid.ndim
+    past = nodes_past_ends(parts.samples, axes) if dynamics.constant else (0,) * problem.grid.ndim
     played = {one.samples.grid for some in parts.dangers.values() for one in some}
     each, times = 0, 1
     if not dynamics.stateless:
@@ -399,7 +399,7 @@ class GridSets:
         """
         parts, problem = self.parts, self.problem
         shapes = {name: parts.shape(name) for name in ARRAYS}
-        require_memory(bytes_of_solve(parts), "this solve", said_of(problem, parts.dtype))
+        require_memory(bytes_of_solve(parts), "this solve", why_large(problem, parts.dtype))
         check_resolution(problem)
         met, avoid = set[int](), dict[str, FloatArray]()
         for name in parts.axes:
@@ -505,7 +505,7 @@ def tell_of_never_met(problem: ReachAvoidProblem, met: set[int]) -> None:
             tell(never_met_finding(unsafe_set))
 
 
-def said_of(problem: ReachAvoidProblem, dtype: str) -> str:
+def why_large(problem: ReachAvoidProblem, dtype: str) -> str:
     """What makes a solve large, and what helps: the end of a sentence that says that it does not fit."""
     steps, moving = problem.steps, [repr(part.name) for part in problem.all_sets if part.moving]
     moving += ["the dynamics"] * problem.dynamics.depends_on_time

@@ -16,7 +16,7 @@ from test_memory import joint
 from toys import interval_problem
 
 import sdhj
-from sdhj.certified.alone import axes_alone, proved_alone
+from sdhj.certified.alone import axes_alone, share_proved_alone
 from sdhj.certified.cells import aligned, aligned_choices, axis_of, moved_bounds
 from sdhj.certified.choosing import (
     CORES,
@@ -311,7 +311,7 @@ def two_joints():
 
 
 def by_loops(problem, axes):
-    """What `proved_alone` says, cell by cell, in fractions; the target is the box above."""
+    """What `share_proved_alone` says, cell by cell, in fractions; the target is the box above."""
     moves = [(0, 0), *dict.fromkeys(moved_bounds(problem, 0, j) for j in range(len(problem.inputs)))]  # alike on both
     cells, steps = list(itertools.product(*[range(axis.count) for axis in axes])), range(problem.steps + 1)
 
@@ -354,7 +354,7 @@ def test_what_the_axes_of_the_target_prove_alone():
     problem = two_joints()
     assert axes_alone(problem) == [0, 1]
     axes = [axis_of(problem.grid, axis, width) for axis, width in enumerate((Fraction(1, 10), Fraction(1, 8)))]
-    found = [proved_alone(problem, axes, steps) for steps in range(problem.steps + 1)]
+    found = [share_proved_alone(problem, axes, steps) for steps in range(problem.steps + 1)]
     np.testing.assert_allclose(found, by_loops(problem, axes), rtol=1e-9)
     assert 0 < found[0] < found[1]
     for other in (car(), fleet.FLEET["256 inputs"]().problem(), large.car(9)):  # turns; has no axis else; turns
@@ -366,7 +366,7 @@ def test_cells_fit_what_inputs_move():
     """.28 rad at least are 2 of 29 cells, and less than 2 of 28; with these one does not get everywhere in 8 steps."""
     problem = replace(two_joints(), steps=8)
     assert chosen_cells(problem, 10, 0.16)[:2] == (29, 29)
-    proved = [proved_alone(problem, aligned(problem, (n, n, 2))[:2], 8) for n in (28, 29)]
+    proved = [share_proved_alone(problem, aligned(problem, (n, n, 2))[:2], 8) for n in (28, 29)]
     assert proved[0] < 0.9 < proved[1]
 
 

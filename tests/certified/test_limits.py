@@ -7,7 +7,7 @@ import pytest
 from test_safety import double_integrator
 
 import sdhj
-from sdhj.certified.explaining import BEYOND, MORE_CELLS, UNDECIDED, UNKNOWN, left_out
+from sdhj.certified.explaining import BEYOND, MORE_CELLS, UNDECIDED, UNKNOWN, advice_to_leave_out
 from sdhj.common.findings import ResolutionWarning
 
 SLOW, PUSH = 0.4, 0.2371  # m in an interval
@@ -121,10 +121,10 @@ def pole(axes):
 
 
 def test_an_axis_may_be_left_out_for_which_nothing_is_promised_then():
-    (told,) = left_out(pole([0, 1, 2, 3]))
+    (told,) = advice_to_leave_out(pole([0, 1, 2, 3]))
     assert told == "x left out, which no velocity depends on; then it is not promised to stay between -1.5 and 1.5"
-    (told,) = left_out(pole([1, 2, 3]))
-    assert told.startswith("v left out") and left_out(joint(0.01)) == []
+    (told,) = advice_to_leave_out(pole([1, 2, 3]))
+    assert told.startswith("v left out") and advice_to_leave_out(joint(0.01)) == []
 
 
 @pytest.mark.slow

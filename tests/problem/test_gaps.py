@@ -17,8 +17,8 @@ import sdhj
 from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.samples import Samples
-from sdhj.solver.findings import gaps
-from sdhj.solver.games import HJIGames, past_ends
+from sdhj.solver.findings import gaps_advice
+from sdhj.solver.games import HJIGames, nodes_past_ends
 from sdhj.solver.joint import Joint
 
 FIXED = HJI(Scheme(frame="fixed"))
@@ -222,7 +222,7 @@ def test_ends_against_plain_loops(case: str) -> None:
     problem = line(321, **given)
     # sets that shrink from unsafe ends without a target are left to differences
     assert HJIGames(Samples(problem).padded, Scheme()).shifted == (case != "clear between unsafe ends")
-    assert past_ends(Samples(problem), (0,)) > (0,)
+    assert nodes_past_ends(Samples(problem), (0,)) > (0,)
     wrong, missed = wrong_and_missed(sdhj.solve(problem), truth)
     assert wrong < (0.012 if case == "driven to a wall with an obstacle" else 0.003) and missed < 0.003
 
@@ -289,9 +289,9 @@ def test_where_the_frame_does_not_move() -> None:
 
 
 def test_the_frame_goes_no_farther_past_an_end_than_it_has_to() -> None:
-    few, many = past_ends(Samples(line(321)), (0,)), past_ends(Samples(line(321, push=30.0)), (0,))
+    few, many = nodes_past_ends(Samples(line(321)), (0,)), nodes_past_ends(Samples(line(321, push=30.0)), (0,))
     assert few == (1 + 4,) and many == (20 + 4,)  # cells of the push, and of the drift; four for errors of the scheme
-    assert past_ends(Samples(line(321, inputs=(0.0,))), (0,)) == (0,)
+    assert nodes_past_ends(Samples(line(321, inputs=(0.0,))), (0,)) == (0,)
 
 
 # ---- what a solve says
@@ -336,7 +336,7 @@ def test_thin_gaps_are_said_and_the_advice_is_right(method: Any, nodes: int, eno
 @pytest.mark.usefixtures("solves_are_played")
 def test_holes_are_said_and_the_advice_is_right() -> None:
     """Along both axes, and along x where copies touch along y as well."""
-    found = gaps(lattice(41, 0.12), shifted=True)
+    found = gaps_advice(lattice(41, 0.12), shifted=True)
     numbers = re.search(r"What helps: ([\d,]+) nodes along x1 and ([\d,]+) nodes along x2", found)
     assert numbers
     most = max(int(one.replace(",", "")) for one in numbers.groups())
@@ -345,7 +345,7 @@ def test_holes_are_said_and_the_advice_is_right() -> None:
         lattice(41, 0.12),
         target=TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0]) - 0.1, np.abs(p[:, 1]) - 0.2)),
     )
-    said = gaps(aslant, shifted=True)
+    said = gaps_advice(aslant, shifted=True)
     assert "separate pieces along x1," in said and "nodes along x1 and" in said and "nodes along x2" in said
 
 
@@ -396,16 +396,18 @@ def test_gaps_along_some_axes_of_a_robot_that_turns() -> None:
         )
 
     fast = [[speed, turn] for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0)]
-    said = gaps(car(0.12, fast), shifted=False)
+    said = gaps_advice(car(0.12, fast), shifted=False)
     assert "along x and y, because" in said
     numbers = re.search(r"What helps: ([\d,]+) nodes along x and ([\d,]+) nodes along y", said)
     assert numbers and min(int(one.replace(",", "")) for one in numbers.groups()) >= 641  # for a push of 8 cells
-    assert gaps(car(0.4, fast), shifted=False) == ""
-    assert gaps(car(0.12, [*fast, [0.1, 0.0]]), shifted=False) != ""  # .05 m, and then .25 m
+    assert gaps_advice(car(0.4, fast), shifted=False) == ""
+    assert gaps_advice(car(0.12, [*fast, [0.1, 0.0]]), shifted=False) != ""  # .05 m, and then .25 m
     # two parts, of which one is thin enough
     parts = lambda x: np.minimum(np.abs(x) - 0.4, np.abs(x - 1.5) - 0.1)  # noqa: E731
-    assert gaps(line(161, target=parts), shifted=True) and not gaps(line(161, inputs=(0.5, 1.0), target=parts), True)
-    assert gaps(line(161, target=None, unsafe=lambda x: x - 1.0), shifted=True) == ""
+    assert gaps_advice(line(161, target=parts), shifted=True) and not gaps_advice(
+        line(161, inputs=(0.5, 1.0), target=parts), True
+    )
+    assert gaps_advice(line(161, target=None, unsafe=lambda x: x - 1.0), shifted=True) == ""
 
 
 def test_what_leaks_at_unsafe_ends_by_differences_and_by_shifts(monkeypatch: pytest.MonkeyPatch) -> None:

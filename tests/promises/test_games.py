@@ -56,7 +56,7 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
     for name, games in every_game(problem).items():
         fields = [problem.interval(2).velocities(j, (0,)) for j in range(3)]
         steps = max(field.steps(problem.grid, 0.5, USUAL.cfl) for field in fields)
-        pieces = games.pieces([0]) if name == "lax" else steps
+        pieces = games.parts_of_interval([0]) if name == "lax" else steps
         # an instantaneous wall is swept over one piece of the interval, so that nothing fast slips past in between
         slack = 0.5 * 0.5 / pieces * 1.1 if view_time == "instantaneous" else 0.0
         for j, tube in enumerate(games.avoid(part, 2)):
