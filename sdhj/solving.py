@@ -100,6 +100,10 @@ def solve(
         or an input takes more than 100,000 time steps in one interval.
     MemoryError
         If more memory is needed than is available; raised before anything is solved.
+    RuntimeError
+        If the checker does not prove a claim of a certified table that it has looked at: it names cell, input and step.
+        All of up to 200,000 claims are looked at, else a sample of some 100,000; `table.details["checked"]` says how
+        many, of how many.
     OSError, TableFileError
         If the store cannot be written, exists already, belongs to another problem or is damaged.
 
