@@ -65,23 +65,18 @@ class Maxima(NamedTuple):
         return self.values.reshape(count, before, shape[self.axis], behind)
 
     def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
-        """The maxima over some of the boxes, counted from `first`: (boxes, *shape), in place in `into` where given.
-
-        With `raised`, what is greater in `into` stays there.
-        """
+        """The maxima over some of the boxes, counted from `first`: (boxes, *shape), in place in `into` where given."""
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
         shape[1 + self.axis] = leaves.taps.shape[1]
         out, split = np.empty(shape, self.values.dtype) if into is None else into, self.split
+        # with `raised`, what is greater in `into` stays there
         maximum_of_intervals(split, leaves, raised, out.reshape(len(out), split.shape[1], -1, split.shape[3]))
         return out
 
 
 class AxisMaxima(NamedTuple):
-    """The maxima that are taken along one axis: leaf i is that of function parent[i] over spans[which[i]].
-
-    The leaves of one of these are the functions of the next.
-    """
+    """Maxima along one axis: leaf i is that of function parent[i] over spans[which[i]], and a function of the next."""
 
     axis: int
     spans: Spans  # different intervals (low, high) around a node, in the unit of the axis
@@ -178,14 +173,12 @@ def crossings(half: FloatArray) -> FloatArray:
 
 
 def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, interpolation: str) -> FloatArray:
-    """The maximum (*shape) of `values` over x + the sum of the segments from -half to half, halves (K, ndim).
-
-    It is taken over one segment after another. Past a wall the values are continued by that at the wall.
-    """
+    """The maximum (*shape) of `values` over x + the sum of the segments from -half to half, halves (K, ndim)."""
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
     ).tolist()
     around = [(n, n) for n in past]
+    # past a wall the values are continued by that at the wall, and dropped only at the end
     raised, wide = np.pad(out_of_danger(grid, values), around, "edge"), grid.wider(around)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
@@ -197,12 +190,10 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 @lru_cache(maxsize=64)
 def most_on_padding(grid: Grid) -> FloatArray | None:
-    """What values may be at most, (*shape): minus the distance past a safe end, else +inf; None without padding.
-
-    Equal grids get the same array, which callers must not write to.
-    """
+    """What values may be at most, (*shape), minus the distance past a safe end, else +inf; None without padding."""
     if not np.any(grid.padding):
         return None
+    # equal grids get one array, which callers must not write to
     far = np.broadcast_to(grid.to_ends("frees"), grid.shape)
     return np.where(far < -SLACK * min(grid.spacing), far, np.inf)
 

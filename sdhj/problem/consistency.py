@@ -55,10 +55,7 @@ def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
 
 
 def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
-    """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval.
-
-    They are compared in `SWEPT_STATES` states, at `INSTANTS` of the interval of each step, or of as many of the steps.
-    """
+    """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval."""
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
     lasting = problem.sensing.hold(problem.delta)[0]
@@ -102,17 +99,14 @@ def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
 
 
 def try_goals(problem: Any) -> None:
-    """Raise ValueError, with the likely cause, where at no step some node is in the target and safe.
-
-    Of more than `MOST_LOOKED_AT` pieces of the grid, `DRAWN` are looked at, and finding no such node is then no error.
-    """
+    """Raise ValueError, with the likely cause, where at no step some node is in the target and safe."""
     steps, target = range(1 if problem.time_invariant else problem.steps + 1), problem.target
     count, rng = int(np.prod(problem.grid.piece_shape[1])), np.random.default_rng(0)
     order = rng.permutation(count) if count <= MOST_LOOKED_AT else rng.integers(count, size=DRAWN)
     for points in problem.grid.pieces(order):  # up to the first that has such a node
         if any(in_goal(problem, points, step).any() for step in steps):
             return
-    if count > MOST_LOOKED_AT:
+    if count > MOST_LOOKED_AT:  # of so many pieces `DRAWN` were looked at, which shows nothing
         return
     if problem.has_no_target:
         raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")

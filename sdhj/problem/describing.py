@@ -36,12 +36,9 @@ def arrays_of(problem: Any) -> dict[str, FloatArray]:
 
 
 def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of a problem by `described` and `arrays_of`: problems that share it have one table.
-
-    The entries `TOLD` count, names included. One error of measurement counts as the same error given for each axis.
-    """
+    """SHA-256, hexadecimal, of a description's entries `TOLD` and its arrays: problems that share it have one table."""
     said: dict[str, Any] = {name: head[name] for name in TOLD}
-    if "error" in said["sensing"]:
+    if "error" in said["sensing"]:  # one for all axes is the same as one given for each
         error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
         said["sensing"] = said["sensing"] | {"error": error}
     held = {}

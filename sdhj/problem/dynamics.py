@@ -184,14 +184,11 @@ class Dynamics:
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
-        """The field `name` as a formula with results (L, *shape), kept in `_parts` with its function, or as a BlackBox.
-
-        The bounds have shape None: any number of components.
-        """
+        """The field `name` as a formula with results (L, *shape), kept in `_parts` with its function, or a BlackBox."""
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
-        if given is None:  # there is no disturbance
+        if given is None:  # there is no disturbance; bounds have any number of components, so no shape
             given = np.zeros(1 if shape is None else shape)
         if isinstance(given, BlackBox):
             function = partial(_call_with_taken, given.function, arguments(name, given))
@@ -252,8 +249,8 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 class VectorField(Remembering):
     """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
 
-    It evaluates velocities, bounds them, and says what they depend on, at points whose coordinates on periodic axes are
-    wrapped into the grid. It is immutable; what follows from its parts is made once, at first use.
+    Coordinates on periodic axes must be wrapped into the grid. It is immutable; what follows from its parts is made
+    once.
     """
 
     inputs: FloatArray  # (L, m), the input vectors u_j
@@ -308,10 +305,7 @@ class VectorField(Remembering):
 
     @kept
     def pushes(self) -> FloatArray:
-        """Whether component d of v moves axis i under input j, (L, ndim, D) bool: neither gain nor bound is a zero.
-
-        All True where the gain is a black box or None.
-        """
+        """Whether component d of v may move axis i under input j: (L, ndim, D) bool."""
         if not isinstance(self.gain, Formula):
             return np.ones((len(self.inputs), self.ndim, self.disturbance_dim), np.bool_)
         zero = constant(0.0)
@@ -339,10 +333,7 @@ class VectorField(Remembering):
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
     def pieces_of_components(self, axes: Sequence[int]) -> tuple[int, ...]:
-        """Into how many pieces the range of each component of v is cut, (D,); the velocity set is their union.
-
-        One piece where v enters linearly, or the component moves but one of these axes.
-        """
+        """Into how many pieces the range of each component of v is cut, (D,); the velocity set is a union of boxes."""
         if self.gain is not None:
             return (1,) * self.disturbance_dim
         several = (self._moved[:, list(axes)].sum(axis=1) > 1).any(axis=0)
@@ -361,10 +352,7 @@ class VectorField(Remembering):
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
-        """The components d of v that move several axes, each of which adds a segment to the velocity set; ascending.
-
-        () where v does not enter linearly, or gain or bounds depend on time.
-        """
+        """The components d of v that move several axes, each of which adds a segment to the velocity set; ascending."""
         if (
             self.gain is None
             or not self.couples(range(self.ndim))
@@ -439,13 +427,10 @@ class VectorField(Remembering):
         return self.functions_by_input["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
-        """The gain of v under input j at points (M, ndim) and time t, s: (M, ndim, D).
-
-        Where v does not enter linearly: the mean slope of the velocity over the range of each component, the others
-        being 0.
-        """
+        """The gain of v under input j at points (M, ndim) and time t, s: (M, ndim, D)."""
         if self.gain is not None:
             return self.functions_by_input["gain"][j](points, t)
+        # the mean slope over the range of each component, the others being 0
         most, columns = self.bounds_at(j, t), []
         for d in range(self.disturbance_dim):
             ends = [
@@ -485,10 +470,7 @@ class VectorField(Remembering):
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
-        """For each input a formula of the extreme velocities over all v, drift -+ sum_d |gain_d| |bounds_d|: (2, ndim).
-
-        Only where v enters linearly and there are no black boxes.
-        """
+        """For each input a formula of the extremes over all v, drift -+ sum_d |gain_d| |bounds_d|: (2, ndim)."""
         found, parts = [], self.functions_by_input
         for drift, gain, bounds in zip(parts["drift"], parts["gain"], parts["bounds"], strict=True):
             most = [make("abs", one) for one in bounds.outputs]
@@ -507,11 +489,7 @@ class VectorField(Remembering):
         return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
-        """Least and greatest velocity along each axis under input j over all v, at points (M, ndim): (M, 2, ndim).
-
-        Exact where v enters linearly; else bounds by intervals, and ValueError where a velocity may be undefined for
-        some v.
-        """
+        """Least and greatest velocity on each axis under input j over all v, or a bound, at points: (M, 2, ndim)."""
         if self.gain is None:
             low, high = self.velocity_bounds(j, points, points, (t, t))
             if not (good := np.isfinite(low).all(axis=1)).all():
@@ -523,10 +501,7 @@ class VectorField(Remembering):
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
     def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
-        """Bounds, (M, ndim) each, of the velocity under input j over M boxes of states and `time`, (begin, end).
-
-        -inf and inf where it may be undefined; ValueError where a black box does not declare enough.
-        """
+        """Bounds (M, ndim) of the velocity under input j over boxes and `time`, (begin, end); -+inf if undefined."""
         if not self.formulas:
             return self._declared(j, low, high, time)
         if self.gain is None:
@@ -536,10 +511,7 @@ class VectorField(Remembering):
         return least[:, 0], greatest[:, 1]
 
     def greatest_along(self, points: FloatArray, j: int, t: float, directions: FloatArray) -> FloatArray:
-        """An upper bound on n . velocity over all v, for directions n (K, ndim), at points (M, ndim): (M, K).
-
-        It is the maximum over the boxes of velocities of all pieces of v, where v does not enter linearly.
-        """
+        """An upper bound on n . velocity over v, which is cut, for directions n (K, ndim), at points: (M, K)."""
         ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
         nodes = [
             np.linspace(a, b, cut + 1)

@@ -8,24 +8,15 @@ Fate = Literal["fails", "holds", "frees"]
 
 @dataclass(frozen=True)
 class End:
-    """A kind of end, with one fate for a state that would pass it; `ENDS` has all kinds by name.
+    """A kind of end, with one fate for a state that would pass it; `ENDS` has all kinds by name."""
 
-    Attributes
-    ----------
-    name : str
-        What users type, and files contain: "unsafe", "wall" or "safe".
-    fails : bool
-        Whether a state beyond has failed: what lies beyond is an unsafe set, with an avoid tube of its own.
-    holds : bool
-        Whether no state gets beyond: states, and the boxes around them, are clipped at the end, where a function on the
-        grid has the value for beyond.
-    frees : bool
-        Whether a state beyond is out of danger for good: games are played on nodes past the end, with values below 0.
-    """
-
-    name: str
+    name: str  # what users type, and files contain: "unsafe", "wall" or "safe"
+    # Whether a state beyond has failed: what lies beyond is an unsafe set, with an avoid tube of its own.
     fails: bool = False
+    # Whether no state gets beyond: states, and the boxes around them, are clipped at the end, where a function on the
+    # grid has the value for beyond.
     holds: bool = False
+    # Whether a state beyond is out of danger for good: games are played on nodes past the end, with values below 0.
     frees: bool = False
 
 

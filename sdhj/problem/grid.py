@@ -138,12 +138,7 @@ class Grid(Remembering):
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     def nodes(self, axis: int) -> FloatArray:
-        """Coordinates of the nodes on one axis, shape (shape[axis],), in the axis's unit.
-
-        Parameters
-        ----------
-        axis : int
-            Numbered from 0.
+        """Coordinates of the nodes on one axis, numbered from 0, shape (shape[axis],), in the axis's unit.
 
         Raises
         ------
@@ -240,10 +235,7 @@ class Grid(Remembering):
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Values (*shape) at the first and at the second node of every edge between neighbours along an axis.
-
-        Views, but for a copy on a periodic axis, whose last edge leads to the first node.
-        """
+        """Values (*shape) at the first and at the second node of every edge between neighbours along an axis."""
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
         behind = (slice(None),) * axis
@@ -252,17 +244,7 @@ class Grid(Remembering):
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection).
 
-        Parameters
-        ----------
-        values : array of shape subgrid(axes).shape
-            A function at the nodes of some axes only.
-        axes : sequence of int
-            These axes, ascending, which is not checked.
-
-        Returns
-        -------
-        array of ndim axes
-            Of one node on every axis that is not among `axes`; no copy.
+        One node on every axis that is not among `axes`, whose order is not checked; no copy.
 
         Raises
         ------
@@ -333,10 +315,7 @@ class Grid(Remembering):
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each; -+inf for others.
-
-        Where the grid has a `padding`, the end is where this begins, not where the nodes end.
-        """
+        """Coordinates of lower and upper ends with one of these fates, before the `padding`, (ndim,) each; or -+inf."""
         if fates not in (cache := self.remembered("faces", dict)):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
@@ -349,10 +328,7 @@ class Grid(Remembering):
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance from each node to the nearest end with a fate, along its own axis: it broadcasts to the grid.
-
-        Negative at nodes past the end, and +inf where the grid has no such end.
-        """
+        """Distance from each node to the nearest end with a fate, negative past it, +inf without: it broadcasts."""
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
             nodes = self.nodes(axis)

@@ -68,10 +68,7 @@ class Velocities(ReadOnly):
         return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """How many equal time steps dt the CFL condition asks for: dt max over nodes of sum_i |v_i| / dx_i <= cfl.
-
-        0 where nothing moves; ValueError above `MOST_STEPS`.
-        """
+        """How many equal time steps dt the CFL condition asks for: dt max over nodes of sum_i |v_i| / dx_i <= cfl."""
         speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
         rate = np.max(sum(along / spacing for along, spacing in zip(speed, grid.spacing, strict=True)))
@@ -124,10 +121,8 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 class Interval(ReadOnly):
     """The motion from one sampling time to the next, under a constant input and any disturbance.
 
-    Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end
-    (`displacement_sets`, `reachable_boxes`), and has the velocity sets of the games (`velocities`,
-    `displacement_boxes`). States may have any coordinates on periodic axes. It is immutable; what is found once is kept
-    with it, or with its dynamics.
+    Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes. It is immutable; what is
+    found once is kept with it, or with its dynamics.
     """
 
     grid: Grid
@@ -180,11 +175,8 @@ class Interval(ReadOnly):
         return velocity
 
     def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
-        """States (M, ndim), moved for `duration` s under constant inputs (M,) and v (M, D), which is not checked.
-
-        Exact for constant velocities, else one Runge-Kutta step of order 4. They are clipped at walls, and not wrapped.
-        """
-        if self.dynamics.constant:
+        """States (M, ndim), moved for `duration` s under constant inputs (M,) and v (M, D), clipped at walls."""
+        if self.dynamics.constant:  # exact; else long durations need several calls
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
             return self.grid.clipped(moved)
         out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
@@ -260,19 +252,13 @@ class Interval(ReadOnly):
         return np.asarray(points)
 
     def displacement_sets(self, states: FloatArray) -> FloatArray:
-        """Where each input leads at the interval's end, relative to states (M, ndim): (4 + K, L, ndim, M), a new array.
+        """Where each input leads at the interval's end, relative to states (M, ndim): (4 + K, L, ndim, M), M perhaps 1.
 
-        [0], [1] : the lower and the upper corner of a box, widened by `wider`. Exact where velocities do not depend on
-        the state, but larger where v is cut; else estimates, by the midpoint rule for the drift, and the gain at the
-        start.
-
-        [2], [3] : a and b of the path without an adversary, x(t + s delta) = x + s a + s^2 b, 0 <= s <= 1; exact for a
-        constant drift, else to second order.
-
-        [4:] : half of the segment that each component in `VectorField.oblique` adds to the box; or, in C order, the
-        greatest n . x at the end for each of the `normals` n, and zeros behind them.
-
-        1 in place of M where displacements are the same for all states.
+        [0], [1] : corners of a box, widened by `wider`; exact where velocities do not depend on the state, but larger
+        where v is cut, else estimates. [2], [3] : a and b of the path without an adversary, x + s a + s^2 b, 0 <= s <=
+        1; exact for a constant drift, else to second order. [4:] : half of the segment that each component in
+        `VectorField.oblique` adds to the box; or, in C order, the greatest n . x at the end for each of the `normals`
+        n, and zeros behind them.
         """
         if self.dynamics.stateless:
             return self._constant_displacement_sets.copy()  # compiled look-ups take it in place of what they write
@@ -316,11 +302,9 @@ class Interval(ReadOnly):
 
     @kept
     def normals(self) -> FloatArray:
-        """Normals (K, ndim) of the planes, beside the axes, that bound where states may end where v is cut.
-
-        The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
-        each normal is known.
-        """
+        """Normals (K, ndim) of the planes, beside the axes, that bound where states may end where v is cut."""
+        # The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
+        # each normal is known.
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
         pieces = math.prod(dynamics.pieces_of_components(range(ndim)))
         for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
@@ -334,10 +318,7 @@ class Interval(ReadOnly):
         return np.array(found).reshape(-1, ndim)
 
     def _greatest_along(self, states: FloatArray, begin: float, directions: FloatArray) -> FloatArray:
-        """The greatest n . (x(end) - x) over v, which is cut, for each of the directions n (K, ndim): (M, L, K).
-
-        An upper bound where velocities do not depend on the state; else an estimate, by the midpoint rule.
-        """
+        """The greatest n . (x(end) - x) over v, which is cut, or a bound or estimate, for directions n: (M, L, K)."""
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.depends_on_time else np.array([self.begin])
@@ -367,11 +348,7 @@ class Interval(ReadOnly):
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Corners (M, L, ndim) of the box of displacements by all but `VectorField.oblique`, also traced.
-
-        Exact where velocities do not depend on the state. Else delta times the greatest deviation by v around the
-        midpoint rule.
-        """
+        """Corners (M, L, ndim) of the box of displacements by all but `VectorField.oblique`, also traced."""
         dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.displacement_boxes(0.0, self.delta)
@@ -410,12 +387,8 @@ class Interval(ReadOnly):
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s into the interval.
-
-        (end - begin) times the mean over time of the `extremes`: exact where these do not depend on time, else by
-        Gauss's rule.
-        """
-        if self.dynamics.depends_on_time:
+        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s: the mean `extremes` times this."""
+        if self.dynamics.depends_on_time:  # by Gauss's rule, not exact
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
             mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
         else:
@@ -426,8 +399,7 @@ class Interval(ReadOnly):
     def segments(self, axes: Sequence[int]) -> FloatArray:
         """gain_d bounds_d along `axes` for each component d of v that moves several of these: (L, K, len(axes)).
 
-        The displacement over a time tau is that of the box less the segments' share, plus tau times any point of each.
-        K = 0 where gain or bounds depend on time. Only where velocities do not depend on the state.
+        A displacement over tau is that of the box less the segments' share, plus tau times any point of each.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.depends_on_time or dynamics.bounds.depends_on_time)
@@ -444,22 +416,17 @@ class Interval(ReadOnly):
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
     def _may_leave_at_wall(self, axis: int, row: int, pushes: FloatArray) -> bool:
-        """Whether states held at a wall of an axis may end outside the sum of the segments `pushes` (L, axes, K).
-
-        So it is where something drifts along the axis, or the segments are not symmetric about it.
-        """
+        """Whether states held at a wall of an axis may end outside the sum of the segments `pushes` (L, axes, K)."""
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
         if not self.grid.ends_where("holds")[:, axis].any():
             return False
+        # where something drifts along the axis, or the segments are not symmetric about it
         drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
         return dynamics.drift.depends_on_time or any(drifts) or not all(map(partial(_symmetric, row), pushes))
 
     @property
     def held(self) -> FloatArray:
-        """Coordinates (2, ndim) of the walls at which states may end outside segments or planes; -+inf elsewhere.
-
-        Past these the look-ups take the box instead, whose corners are clipped at walls.
-        """
+        """Coordinates (2, ndim) of walls at which states may end outside segments or planes; -+inf elsewhere."""
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
             walls = np.where(self.normals.any(axis=0), walls, np.array([[-np.inf], [np.inf]]))
@@ -509,9 +476,8 @@ class Interval(ReadOnly):
     def velocities(self, j: int, axes: Sequence[int], t: float | None = None, *, drift: bool = True) -> Velocities:
         """The velocity set under input j along some axes at time t, by default the begin, on their subgrid.
 
-        Coordinates left out that matter are taken at all their nodes (App. A.4): each combination of these is a mode,
-        and H the maximum over modes. Without `drift`, as for a game in a frame that moves with it, velocities must not
-        depend on the state. MemoryError where modes do not fit.
+        Coordinates left out that matter are taken at all their nodes (App. A.4): each combination is a mode, and H the
+        maximum over modes. Without `drift` in a frame that moves with it, where velocities do not depend on the state.
         """
         dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
@@ -562,10 +528,7 @@ class Interval(ReadOnly):
         return points
 
     def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The velocity set under input j as modes, a box for each piece of v, where v does not enter linearly.
-
-        Each velocity is in the box of some piece, so the true H is at most the maximum over them.
-        """
+        """The velocity set under input j as modes, a box for each piece of v, where v does not enter linearly."""
         dynamics, (seen, outside), cuts = (
             self.dynamics,
             self._with_axes_read(axes),
@@ -577,6 +540,7 @@ class Interval(ReadOnly):
         points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
         ends = dynamics.disturbance_bounds(j, points, points, (t, t))
         nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
+        # each velocity is in the box of some piece, so the true H is at most the maximum over them
         for at in product(*map(range, cuts)):
             v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
             found = dynamics.functions_by_input["drift"][j].bounds(points, points, (t, t), *v)
@@ -592,10 +556,7 @@ class Interval(ReadOnly):
         return Velocities(low.min(axis=0), high.max(axis=0), drift=(low + high) / 2, gain=gain)
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
-        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under input j.
-
-        A mode for each combination of nodes of the coordinates left out that the velocities read.
-        """
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under input j."""
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         grid, count = self.grid.subgrid(seen), dynamics.disturbance_dim
         require_memory(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
@@ -612,6 +573,7 @@ class Interval(ReadOnly):
             gain = dynamics.gain_at(points, j, t)[:, axes] * bounds
             parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
             sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
+        # a mode for each combination of nodes of the coordinates left out
         sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
         sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
         return sampled[:, :, 0], sampled[:, :, 1:]

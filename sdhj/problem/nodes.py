@@ -66,10 +66,7 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 
 def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values (*grid.shape) of an unsafe set, negative at all nodes where they are <= 0, as G is closed: a new array.
-
-    ValueError where the function is 0 in a whole cell: it does not say where the set ends.
-    """
+    """Values (*grid.shape) of an unsafe set, negative at all nodes where they are <= 0, as G is closed: a new array."""
     size = size_of(grid, function)
     flat = np.abs(values) <= HAIR * size
     for axis in range(grid.ndim if flat.any() else 0):
@@ -87,10 +84,7 @@ def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], Floa
 
 
 def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-    """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape).
-
-    least : lower bounds (M,) in boxes, of their corners (M, ndim).
-    """
+    """For each node a lower bound in all cells around it, from bounds `least` (M,) in boxes of corners (M, ndim)."""
     ends = []
     for axis, (end, periodic) in enumerate(zip(grid.upper, grid.periodic, strict=True)):
         nodes = grid.nodes(axis)  # a function that is not periodic jumps where an axis closes, so both ends count

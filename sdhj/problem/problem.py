@@ -123,10 +123,7 @@ class ReachAvoidProblem(Remembering):
             """Make a problem; the arguments are those of the class."""
 
     def __post_init__(self) -> None:
-        """Replace the fields by what is made of them, and check that all fit one another (`sdhj.problem.consistency`).
-
-        Functions are called at some states and times, and the sets are sampled at nodes.
-        """
+        """Replace the fields by what is made of them, and check that all fit one another (by `consistency`)."""
         self._check_parts()
         option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
@@ -171,10 +168,7 @@ class ReachAvoidProblem(Remembering):
             check_sensing(self)
 
     def _check_parts(self) -> None:
-        """Check the types of the fields but delta, steps and view_time, and that there is a target or a danger.
-
-        In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the recipe read-only.
-        """
+        """Check the types of most fields, and, in place, make a target of None `ANYWHERE` and the recipe read-only."""
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
         try:
@@ -245,12 +239,7 @@ class ReachAvoidProblem(Remembering):
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`.
-
-        Parameters
-        ----------
-        step : float
-            k, from 0 to N; parts of a step count.
+        """Time at which the input of step k, or of a part of one, takes effect, s: k delta, plus a `Sensing`'s delay.
 
         Examples
         --------
@@ -298,10 +287,7 @@ class ReachAvoidProblem(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k >= 0 to k + 1, for the time in which an input may be held, boxes widened.
-
-        One object for all steps if the dynamics do not depend on time. ValueError where `half_widths` raises it.
-        """
+        """The motion from step k >= 0 to k + 1, one object for all steps if the dynamics do not depend on time."""
         step = step if self.dynamics.depends_on_time else 0
         if step not in (known := self._intervals):
             lasts = self.sensing.hold(self.delta)
@@ -324,19 +310,9 @@ class ReachAvoidProblem(Remembering):
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of the target at states (M, ndim), without interpolation: (M,).
+        """Level-set function of the target at states (M, ndim) and a time t, s, without interpolation: (M,).
 
-        Parameters
-        ----------
-        points : (M, ndim) array
-            States, in the units of the grid's axes.
-        t : float
-            The time, s.
-
-        Returns
-        -------
-        (M,) array
-            In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -1.
+        In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -1.
 
         Raises
         ------
@@ -359,20 +335,10 @@ class ReachAvoidProblem(Remembering):
         Parameters
         ----------
         points, t
-            As for `target_value`.
+            As for `target_value`, and so are the unit and the errors.
         inputs : (M,) int array, optional
             Indices into problem.inputs of what is applied there, for sets that are unsafe under some inputs only. By
-            default the sets count that are unsafe under all.
-
-        Returns
-        -------
-        (M,) array
-            In the unit of the sets' functions, m if these are distances; +inf where no set counts.
-
-        Raises
-        ------
-        ValueError
-            As `target_value`.
+            default the sets count that are unsafe under all; +inf where none counts.
 
         Examples
         --------
@@ -385,10 +351,7 @@ class ReachAvoidProblem(Remembering):
         return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
-        """Level-set function of G along M paths of states (M, T, ndim), at ascending times, under inputs (M,): (M, T).
-
-        +inf where no set counts; without inputs those count that are unsafe under all.
-        """
+        """Level-set function of G along paths of states (M, T, ndim), at ascending times, under inputs (M,): (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -401,13 +364,10 @@ class ReachAvoidProblem(Remembering):
         return out
 
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """Which of states (M, ndim) at a step are in the target and in no unsafe set: their numbers, ascending.
-
-        None where a function is undefined, off the grid, and with a `Sensing`, where the true state is not known.
-        """
+        """The numbers of those of states (M, ndim) that are at a step surely in the target and in no unsafe set."""
         level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
         if self.has_no_target or self.sensing:
-            return np.zeros(0, np.int64)
+            return np.zeros(0, np.int64)  # with a `Sensing` the true state is not known
         points, rows = self.grid.wrapped(states), None
         if isinstance(level_set, Formula):  # in a third of the time; it has values off the grid, too
             rows = np.flatnonzero(level_set(points.take(axes, axis=1), t, finite=False) <= 0.0)

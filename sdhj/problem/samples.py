@@ -74,21 +74,15 @@ class Samples:
         return self._intervals[step]
 
     def avoid_axes(self, axes: Iterable[int]) -> tuple[int, ...]:
-        """The axes on which the avoid game of an unsafe set of some axes is solved, ascending.
-
-        They are the set's axes, axes with safe ends, because a state that has left through one can no longer collide,
-        and all that the velocities along these depend on.
-        """
+        """The axes, ascending, of an unsafe set's avoid game: its own, safe ends', and what their velocities read."""
+        # a state that has left through a safe end can no longer collide
         safe = np.isfinite(self.grid.faces("frees")).any(axis=0)
         return self.interval(0).self_contained({*axes, *np.flatnonzero(safe).tolist()})
 
     def sample(
         self, part: TargetSet | UnsafeSet, t0: float, t1: float | None = None, view_time: str | None = None
     ) -> FloatArray:
-        """The level-set function of a set, at t0 or over [t0, t1], at the nodes of its axes' subgrid, read-only.
-
-        ValueError where single precision cannot hold a value, or a black box declares too little.
-        """
+        """The level-set function of a set, at t0 or over [t0, t1], at the nodes of its axes' subgrid, read-only."""
         grid, view_time = self.grid.subgrid(part.axes), view_time or self.problem.view_time
         if part.moving or (part is self.problem.target and grid.size > SMALL):  # would take as much memory as a tube
             return read_only(_at_nodes(part, grid, t0, t1, view_time))
@@ -98,10 +92,7 @@ class Samples:
         return self._static[key]
 
     def goal(self, step: int) -> FloatArray:
-        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1), (*shape).
-
-        Without a target, L(t_k) is the grid up to its unsafe ends.
-        """
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1), (*shape)."""
         problem, grid, target = self.problem, self.grid, self.problem.target
         t, jitter, values = problem.time(step), problem.sensing.jitter, np.full((1,) * grid.ndim, -np.inf)
         if not problem.has_no_target:
@@ -112,7 +103,7 @@ class Samples:
             fits = outside.shape == np.broadcast_shapes(values.shape, outside.shape)
             values = np.maximum(values, outside, out=outside if fits else None)  # fresh memory takes ten times as long
         if problem.has_no_target:
-            values = np.maximum(values, -grid.to_ends("fails"))
+            values = np.maximum(values, -grid.to_ends("fails"))  # L(t_k) is the grid up to its unsafe ends
         return np.ascontiguousarray(np.broadcast_to(values, grid.shape))
 
 

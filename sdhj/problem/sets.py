@@ -339,10 +339,7 @@ class UnsafeSet:
         return np.isin(inputs, self.inputs)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """Values (M,) at points (M, axes) of one static level-set function for all of [t0, t1] (Sec. 5.4, 6.2.1).
-
-        "swept" contains the set at every time; any other `view_time` is the union of the sets at `SUBSAMPLES` times.
-        """
+        """Values (M,) at points (M, axes) of one static level-set function for all of [t0, t1] (Sec. 5.4, 6.2.1)."""
         if not self.moving:
             return self.level_set(points, t0)
         if view_time == "swept" and self.swept is not None:
@@ -351,7 +348,7 @@ class UnsafeSet:
         if view_time == "swept":  # a lower bound over each piece of the time
             pieces = pairwise(times) if t1 > t0 else [(t0, t1)]
             return reduce(np.minimum, [self.level_set.least(points, piece) for piece in pieces])
-        return reduce(np.minimum, [self.level_set(points, t) for t in times])
+        return reduce(np.minimum, [self.level_set(points, t) for t in times])  # the union of the sets at these times
 
     def least(self, low: FloatArray, high: FloatArray, t0: float, t1: float | None, view_time: str) -> FloatArray:
         """Lower bounds (M,) in boxes, of corners (M, axes), of the level-set function at t0 or of that of `over`."""

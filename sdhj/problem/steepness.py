@@ -91,17 +91,14 @@ def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| over the box [low, high] of its coordinates, at most `SETTLED_WITHIN` times a value.
-
-    By intervals over boxes, of which those with the greatest bounds are halved, `ROUNDS_OF_HALVING` times at most.
-    """
+    """An upper bound on |node| over the box [low, high], at most `SETTLED_WITHIN` times a value where that is found."""
     if one.op == "const":
         return abs(float(one.value))
     formula = Formula((one,), len(low))
     begin, end = _boxes(formula.reads[0], low, high)
     size = np.where(formula.reads[0], (end - begin).max(axis=0), np.inf)
     bounds, taken = _magnitudes(formula, begin, end)
-    for _ in range(ROUNDS_OF_HALVING):
+    for _ in range(ROUNDS_OF_HALVING):  # of the boxes with the greatest bounds
         if bounds.max() <= taken * SETTLED_WITHIN:
             break
         order = np.argsort(bounds)
@@ -139,10 +136,7 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
 
 
 def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
-    """What a drift or gain that is a black box adds to A (ndim, ndim) and b (ndim,) of `lipschitz_bounds`.
-
-    A: the slope of the drift, and that of the gain times the sum of the bounds of v. b: |gain| times the bounds.
-    """
+    """What a drift or gain that is a black box adds to A (ndim, ndim) and b (ndim,) of `lipschitz_bounds`."""
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
     opaque = {name: part for name in ("drift", "gain") if isinstance(part := getattr(dynamics, name), BlackBox)}
@@ -154,7 +148,7 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
         most = dynamics.disturbance_bounds(j, low[None], high[None], time)[1]
         shares = {"drift": 1.0, "gain": most.sum()}
         steepness = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
-        slope = np.maximum(slope, steepness)
+        slope = np.maximum(slope, steepness)  # of the drift, and of the gain times the sum of the bounds of v
         if "gain" in opaque:
             given = opaque["gain"].reads
             reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)
@@ -164,15 +158,12 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
 
 
 def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
-    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box, all >= 0: how a box around a state has grown.
-
-    By the first `TERMS` terms of the exponential series: exact unless slope times duration is large.
-    """
+    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box, all >= 0: how a box around a state has grown."""
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
     rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push
     total = term.copy()
-    for place in range(1, TERMS):
+    for place in range(1, TERMS):  # exact to rounding unless slope times duration is large
         term = rate @ term * (duration / place)
         total += term
     return total[:ndim]

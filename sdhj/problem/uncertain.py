@@ -10,10 +10,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 
 
 def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """The maximum of `values` over x +- E, and over how far that reaches past unsafe ends: the set shrunk by the box E.
-
-    `values` itself where E is 0 on these axes.
-    """
+    """The maximum of `values` over x +- E, and over how far that reaches past unsafe ends: the set shrunk by E."""
     axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
     if not box.any():
@@ -32,7 +29,7 @@ def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray
     Without memory that point is a prediction, within E of the state; with memory it is the one that is carried on, and
     problem.half_widths[1] stands for E.
     """
-    grown = problem.half_widths[1]
+    grown = problem.half_widths[1]  # of the box around the point that is carried on
     if not problem.sensing.remembers:
         return eroded_by_error(problem, values)
     if not grown.any():

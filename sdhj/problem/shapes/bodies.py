@@ -236,10 +236,7 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
 def body_level_set(
     robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function of states in which a robot meets `parts` of an obstacle, or of what is outside of it.
-
-    It is the least `clearance`, less the radii of the two bodies.
-    """
+    """Make the level-set function of states in which a robot meets `parts` of an obstacle, or of what is outside."""
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
@@ -312,10 +309,7 @@ def depths_in_body(body: Body, points: FloatArray) -> FloatArray:
 def map_body_level_set(
     robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function of a robot that must not touch what a map at `origin` shows as unsafe.
-
-    It is the least distance(middle of a disk) - radius of the disk - radius of the body, over the `covering_disks`.
-    """
+    """Make the level-set function of a robot, covered by disks, that must not touch what a map at `origin` has."""
     disks = [(body, covering_disks(body, tolerance)) for body in robot]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:

@@ -47,10 +47,7 @@ def corners_of(shape: Any) -> FloatArray:
 
 
 def convex_parts(shape: Any) -> list[FloatArray]:
-    """The corners (K, 2) of a few convex polygons that together are polygons of Shapely, also with holes.
-
-    Of their triangles two are joined as long as their hull is no larger than both, up to the share `ROUNDING`.
-    """
+    """The corners (K, 2) of a few convex polygons that together are polygons of Shapely, also with holes."""
     import shapely
 
     shapes = [one for one in shapely.get_parts(shape) if one.area]
@@ -58,6 +55,7 @@ def convex_parts(shape: Any) -> list[FloatArray]:
     while left:
         one = left.pop()
         for k, other in enumerate(left):
+            # two are joined as long as their hull is no larger than both, up to rounding
             hull = shapely.union(one, other).convex_hull
             if hull.area <= (one.area + other.area) * (1.0 + ROUNDING):
                 left[k] = hull
@@ -91,10 +89,7 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
 
 
 def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far points (M, 2) lie along and to the right of each edge of a polygon, (M, K), and their lengths (K,).
-
-    corners (K, 2) : edge k begins at corner k.
-    """
+    """How far points (M, 2) lie along and to the right of each edge of a polygon, (M, K), and their lengths."""
     edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     lengths = np.hypot(*edges.T)
     x, y = (edges / lengths[:, None]).T
@@ -102,9 +97,7 @@ def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
 
 
 def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, corners counter-clockwise, and > 0 at others.
-
-    Points beyond the bounding box count, too, which tightens bounds over boxes at acute corners.
-    """
+    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, counter-clockwise, and > 0 at others."""
+    # the bounding box tightens bounds over boxes at acute corners
     beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
     return np.maximum(_along_edges(points, corners)[1].max(axis=1), beyond.max(axis=1))
