@@ -210,6 +210,7 @@ class WordTable:
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
         """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room; the lock is held."""
+        # n is at most half of `MOST_SLOTS`, which is not checked
         slots = self.keys.size
         while 2 * (self.used + numbers.size) > slots:
             slots *= 2

@@ -63,13 +63,11 @@ def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> Fl
 
 
 def _ends_as_danger(samples: Samples, axis: int) -> Danger:
-    """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) on a wide grid.
-
-    That grid has the axes that the velocity along this one depends on.
-    """
+    """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) on a wide grid."""
     whole, dynamics, timed = samples.grid, samples.dynamics, samples.dynamics.depends_on_time
     slack = SLACK * whole.spacing[axis]  # a state on the end, to rounding, is on the grid
     low, high = (float(face[axis]) for face in whole.faces("fails"))
+    # the wide grid has those that the velocity along this one depends on
     axes = samples.avoid_axes([axis])
     place, grid, delta = axes.index(axis), whole.subgrid(axes), samples.interval(0).delta
     speeds = np.max([samples.interval(step).speeds for step in range(samples.problem.steps if timed else 1)], axis=0)

@@ -501,14 +501,12 @@ def head_of(sets: GridSets) -> dict[str, Any]:
 
 
 def begin(folder: Folder, sets: GridSets) -> None:
-    """Make the folder of a new solve, which appears when all of it is there: empty arrays and begun.json.
-
-    OSError, with what to do, if it cannot be written; warns if the disk has too little room.
-    """
+    """Make the folder of a new solve, empty arrays and begun.json, which appears when all of it is there."""
     path, parts = folder.path, folder.parts
     require_writable(path.parent)
     needed = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
     with suppress(OSError):
+        # where the disk has too little room this is warned of
         if needed > (free := shutil.disk_usage(path.parent).free):
             warnings.warn(
                 f"{path} takes up to {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; where the disk is full "

@@ -204,16 +204,14 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 
 
 def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t: float) -> Finding | None:
-    """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not.
-
-    The level-set function then differs in sign on both sides, by more than 1e-6 of its largest value at random states.
-    """
+    """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not."""
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
         first, last = np.split(part.level_set(np.concatenate([before, after]), t), 2)
         if not (turns := (first > 0) != (last > 0)).any():
             continue
         inside = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SEAM, grid.ndim))
+        # of the largest value at random states
         rounding = 1e-6 * np.abs(part.level_set(inside, t)).max()
         jump = np.abs(first - last)
         if np.any(turns & (jump > rounding)):
@@ -228,10 +226,7 @@ def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t:
 
 
 def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | None:
-    """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None.
-
-    A jump is a difference of more than 1e-6 of the greatest velocity there.
-    """
+    """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None."""
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
         for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
@@ -583,10 +578,7 @@ def names_apart(problem: ReachAvoidProblem) -> list[str]:
 def projection_findings(
     problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]], losses: Mapping[str, Any]
 ) -> list[Finding]:
-    """Findings of subspaces that keep nothing of the target, and of sets that leave none free; [] if nothing is empty.
-
-    `losses` are those of `sdhj.solver.projections.ProjectedSets`.
-    """
+    """Findings of subspaces that keep nothing of the target, and of sets that leave none free, by `losses`."""
     names, found = problem.grid.names, []
     for axes, share in zip(subspaces, losses["target_kept"], strict=True):
         dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]

@@ -101,10 +101,7 @@ class Pieces(NamedTuple):
 
 
 def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) -> FloatArray:
-    """Write the minimum of the `pieces`, each (L, *subgrid of its `axes`), into `out` (L, *shape), and return it.
-
-    It is the union of their sets.
-    """
+    """Write the union, the minimum of `pieces` (L, *subgrid of its `axes`), into `out` (L, *shape), and return it."""
     for j, total in enumerate(out):
         lengths = ([n if axis in keep else 1 for axis, n in enumerate(total.shape)] for keep in axes)
         first, *others = (piece[j].reshape(one) for piece, one in zip(pieces, lengths, strict=True))
@@ -199,10 +196,7 @@ class _OnAxes:
         return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes of an obstacle function over the interval from a step: (L, *its subgrid), in `out` or new.
-
-        For each input the maximum of what `each_tube` yields; -inf where it yields nothing.
-        """
+        """The avoid tubes over the interval from a step, maxima of what `each_tube` yields, in `out` or new."""
         tubes = self.no_tubes(obstacle, out)
         for j, tube in self.each_tube(obstacle, step):
             np.maximum(tubes[j], tube, out=tubes[j])
@@ -279,10 +273,7 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def displacement_by_disturbance(self) -> FloatArray:
-        """How far the disturbance moves a state along each axis in an interval, in the axis's unit: (axes,).
-
-        0 along an axis for less than a cell, and along all where a component of the disturbance moves several axes.
-        """
+        """How far the disturbance moves a state along each axis in an interval, in the axis's unit, or 0: (axes,)."""
         # Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps
         # them. Below a cell the box contains no other node, and interpolation alone would wear sets down. Where a
         # component moves several axes, not all of a box can be reached.
@@ -434,16 +425,14 @@ class HJIGames(_OnAxes):
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
-        """How many time steps of the interval from a step are enough for every input, at least 1.
-
-        The most that the CFL condition asks for, at `INSTANTS` of the interval if velocities depend on time.
-        """
+        """How many time steps of the interval from a step the CFL condition asks for, of every input, at least 1."""
         key = axes, step if self.samples.dynamics.depends_on_time else 0
         if key not in self._steps:
             grid, delta, cfl = self.samples.grid.subgrid(axes), self.duration, self.scheme.cfl
             most = 1
             for j in range(self.count):
                 field, interval = self.velocities(j, axes, step), self.samples.interval(step)
+                # where these do not depend on time, one is enough
                 times = interval.begin + delta * INSTANTS
                 fields = [interval.velocities(j, axes, t) for t in times] if callable(field) else [field]
                 most = max(most, *(one.steps(grid, delta, cfl) for one in fields))

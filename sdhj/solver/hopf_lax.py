@@ -38,15 +38,11 @@ from sdhj.problem.grid import Grid
 
 
 class Moved(NamedTuple):
-    """The displacements to which each of L inputs leads: the sum of a box and of K segments from -half to half.
+    """The displacements to which each of L inputs leads: the sum of a box and of K segments from -half to half."""
 
-    `low` and `high` (L, ndim) are the box's corners relative to the state, `halves` is (L, K, ndim), all in the axes'
-    units.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    halves: FloatArray
+    low: FloatArray  # (L, ndim), the box's lower corner relative to the state, in the axes' units
+    high: FloatArray  # (L, ndim), its upper corner
+    halves: FloatArray  # (L, K, ndim)
 
 
 def maxima_over_sets(

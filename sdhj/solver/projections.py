@@ -50,10 +50,7 @@ GROWN = "these subspaces are too conservative here"
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
-    """The subspaces, each the axes that it keeps: each drops one axis that no input drives, or else any one axis.
-
-    ValueError where the grid has one axis.
-    """
+    """The subspaces, each the axes that it keeps: each drops one axis that no input drives, or else any one axis."""
     ndim, everything = problem.grid.ndim, tuple(range(problem.grid.ndim))
     if ndim == 1:
         raise ValueError('method="projected" needs a grid of at least 2 axes, one to drop; use method="hji"')

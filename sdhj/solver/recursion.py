@@ -306,10 +306,7 @@ class GridParts:
             np.maximum(tube, before, out=tube)
 
     def _reach_sets(self, values: FloatArray, step: int, *some: range) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of inputs for {values <= 0} at the end of the interval, without padding.
-
-        All inputs of one byte of marks come together.
-        """
+        """Yield the reach sets of {values <= 0}, without padding, all inputs of one byte of marks together."""
         problem, games, inner = self.problem, self.games, self.samples.padded.grid.inner
         if hasattr(games, "grouped_reach_sets"):
             found: Any = games.grouped_reach_sets(values, step, *some)
@@ -322,10 +319,7 @@ class GridParts:
 
 
 def bytes_of_entry(parts: GridParts) -> int:
-    """Upper estimate of the bytes that the games of a solve take beside its table, and the process itself.
-
-    What functions of the problem allocate is not counted.
-    """
+    """Upper estimate of the bytes that the games of a solve take beside its table, and the process itself."""
     problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
     games = parts.samples.padded.grid
     count, axes = len(problem.inputs), range(problem.grid.ndim)
@@ -347,6 +341,7 @@ def bytes_of_entry(parts: GridParts) -> int:
         # as many more as there are inputs while an interval may end early
         arrays = (AT_WORK + count * bool(problem.sensing.jitter)) * item * grid.size
         most = max(most, grid.sampling_bytes + arrays + velocities + min(KEPT, count * times * velocities))
+    # what functions of the problem allocate is not counted
     return PROCESS + most
 
 
@@ -462,11 +457,7 @@ class GridSets:
         return table.with_details(found | more) if (more := self.said_of(table)) else table
 
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
-        """What a method does when all avoid games have been played, before the first entry with n >= 1: nothing.
-
-        `goal` gives a step's entry (step, 0), (*shape); `free` is what the games have noted in an attribute of this
-        name.
-        """
+        """What a method does between the avoid games and the first entry with n >= 1, of each `goal`: nothing."""
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
         """What else a method says of a table, for its details."""
