@@ -22,10 +22,7 @@ Displacement = tuple[tuple[Fraction, Fraction], ...]  # the least and the greate
 
 
 def axes_alone(problem: ReachAvoidProblem) -> list[int]:
-    """The target's axes, if these are a problem of their own and not all axes of the grid; else [].
-
-    So they are where the velocity along each depends on the input and the disturbance alone (`is_steady`).
-    """
+    """The target's axes, if these are a problem of their own, all steady (`is_steady`), and not all axes; else []."""
     own = [] if problem.has_no_target else list(problem.target.axes)
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
@@ -68,16 +65,13 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: 
 
 
 def _cells_leading_into(axes: Sequence[CellAxis], moves: Sequence[Displacement], inside: FloatArray) -> FloatArray:
-    """Which cells at least one of `moves` leads into the set `inside`: bool (*counts), as `inside` is.
-
-    The image of a cell, rounded out to whole cells, has to lie in the set. As an image is a product over the axes, the
-    set is eroded along one axis after the other.
-    """
+    """Which cells at least one of `moves` leads into the set `inside`, with images of whole cells: bool (*counts)."""
     led: dict[Displacement, FloatArray] = {(): inside}
     for move in moves:
         for k, axis in enumerate(axes):
             if move[: k + 1] not in led:
                 first, number = axis.image(*move[k])
+                # an image is a product over the axes: the set is eroded along one after the other
                 ends = ((first + np.minimum(by, number - 1)) % axis.count for by in range(number.max()))
                 led[move[: k + 1]] = np.logical_and.reduce([led[move[:k]].take(end, axis=k) for end in ends])
     return np.logical_or.reduce([led[move] for move in moves])

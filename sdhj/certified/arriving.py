@@ -51,16 +51,13 @@ WRITTEN = {  # of an operation as C, with its operands; what is undefined is no 
 
 
 def arrived_in_c(problem: ReachAvoidProblem) -> list[str]:
-    """Lines of C that define `sdhj_robot_arrived`, as `ReachAvoidProblem.arrived` says it of a state on the grid.
-
-    None where nobody arrives so, without a target and with a `Sensing`; and where formulas cannot be written out: black
-    boxes, tables that are looked up, and more than `MOST_NODES` operations.
-    """
+    """Lines of C that define `sdhj_robot_arrived`, as `ReachAvoidProblem.arrived` says it of a state; or none."""
     sets: list[tuple[Any, str]] = [
         (problem.target, "<="),
         *((one, ">") for one in problem.unsafe if one.inputs is None),
     ]
     formulas = [one.level_set for one, _ in sets]
+    # nobody arrives so, or black boxes cannot be written out
     if problem.has_no_target or problem.sensing or not all(isinstance(one, Formula) for one in formulas):
         return []
     nodes = [node for one in formulas for node in ordered(one.outputs)]

@@ -162,11 +162,7 @@ class Bounds:
 def _sign_by_halving(
     level: Callable[[FloatArray, FloatArray], FloatArray], low: FloatArray, high: FloatArray, halvings: int, most: int
 ) -> FloatArray:
-    """The sign of a function in each box (M, axes), `level` being its bounds: 1 where > 0, -1 where <= 0, else 0; (M,).
-
-    A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together are no
-    more than `most`.
-    """
+    """As `_sign` of `level` over boxes (M, axes), open ones cut on all axes `halvings` times, to `most` pieces."""
     if not halvings:
         return _sign(level(low, high))
     (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
@@ -210,11 +206,7 @@ def _boxes_in_batches(
 
 
 def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
-    """The least and the greatest values of a function over the parts of boxes (M, axes) on the grid: (2, M, ...).
-
-    Boxes are cut at the ends of bounded axes and where a periodic axis closes, and of the pieces of a box the extremes
-    are taken.
-    """
+    """The least and the greatest values of a function over the parts of boxes (M, axes) on the grid: (2, M, ...)."""
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]
     for begin in range(0, len(low), BOXES):

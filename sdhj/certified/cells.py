@@ -142,8 +142,8 @@ class CellAxis:
     def image(self, back: Fraction, ahead: Fraction) -> tuple[IndexArray, IndexArray]:
         """The cells that everything in each cell may be in after a displacement in [back, ahead]: two (count,) int64.
 
-        Of cell i first[i] to first[i] + number[i] - 1, modulo `count`; on a bounded axis clipped to the first and the
-        last.
+        Of cell i they are first[i] to first[i] + number[i] - 1, modulo `count`; on a bounded axis they are clipped to
+        it.
         """
         cell = np.arange(self.count)
         first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))

@@ -227,10 +227,7 @@ def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[
 
 
 def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
-    """About as many cells as are wished along an axis, with edges as near to the target's faces as can be.
-
-    At most the share `FITTED`, or one, more or fewer, and in no more words of 64 cells.
-    """
+    """About as many cells as are wished along an axis, with edges as near to the target's faces as can be."""
     # what is lost at a face is lost again in all steps, as what gets to a smaller set is smaller
     if problem.has_no_target or axis not in problem.target.axes or is_steady(problem, axis):
         return wish
@@ -250,12 +247,10 @@ def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
 
 
 def _faces(problem: ReachAvoidProblem, axis: int) -> tuple[float, float] | None:
-    """Where lines along an axis enter and leave the target, the two coordinates; None if that differs between lines.
-
-    At the first time, on `LINES` lines through the deepest of random states; to `FLAT` of the axis.
-    """
+    """Where lines along an axis enter and leave the target, the two coordinates; None if that differs between lines."""
     target, grid, t = problem.target, problem.grid.subgrid(problem.target.axes), problem.time(0)
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SET_STATES, grid.ndim))
+    # through the deepest of random states
     lines, k = drawn[np.argsort(target.level_set(drawn, t))[:LINES]], target.axes.index(axis)
 
     def inside(line: FloatArray, places: FloatArray) -> FloatArray:
@@ -441,10 +436,7 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 def lost_to(
     problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
 ) -> FloatArray:
-    """The share of a set, perhaps more than 1, that is lost to each of n choices of the cells of one axis: (n,).
-
-    The cells' width times the first two rates, plus the third times what `rounded_out` returns.
-    """
+    """The share of a set, perhaps more than 1, that is lost to each of n choices of the cells of one axis: (n,)."""
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
         return np.asarray((rates[0] + rates[1]) * widths)
@@ -537,10 +529,7 @@ class _Border(NamedTuple):
 
 
 def _border(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> _Border:
-    """The `_Border` of a set of a problem, counted between nodes of its grid, or of a coarser one of `SET_NODES`.
-
-    A mean over the first, the middle and the last time for a set that moves.
-    """
+    """The `_Border` of a set of a problem, counted between nodes of its grid, or of a coarser one of `SET_NODES`."""
 
     def counted() -> _Border:
         own, steps = problem.grid.subgrid(part.axes), problem.most_steps
@@ -617,10 +606,8 @@ def _cost_of_sets(
     often: tuple[int, int, int],
     speeds: Speeds,
 ) -> float:
-    """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
-
-    `often` is how many starts of moves, starts of clear inputs and parts of an interval there are.
-    """
+    """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end."""
+    # of moves, of clear inputs, and of an interval
     (starts, times, parts), count, out = often, len(problem.inputs), 0.0
     cells = math.prod(axis.count for axis in axes)
 
@@ -679,7 +666,8 @@ def _cost_in_words(
     often: tuple[int, int, int],
     speeds: Speeds,
 ) -> float:
-    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time (`word_tubes.in_words`)."""
+    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 at a time (`word_tubes.in_words`)."""
+    # as in `_cost_of_sets`
     (starts, times, parts), count, cells = often, len(problem.inputs), math.prod(axis.count for axis in axes)
     spans = times * parts if unsafe_set.moving else 1
     own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))

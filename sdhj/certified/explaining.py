@@ -100,11 +100,7 @@ def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tup
 
 
 def scanty_finding(table: Any) -> Finding | None:
-    """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
-
-    Next to nothing is at most the share `SCANTY`, and either no more than the target's share or less than a tenth of
-    what `HJI` claims on few nodes, on which the problem is then solved.
-    """
+    """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough."""
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
         return None
@@ -112,6 +108,7 @@ def scanty_finding(table: Any) -> Finding | None:
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
     target = 0.0 if problem.has_no_target else float(((problem.target_value(drawn, t) <= 0) & free).mean())
+    # solved for this
     claimed = table.on_few_nodes.fraction() if table.on_few_nodes else 0.0
     if share > target and claimed <= 10 * share:
         return None

@@ -105,10 +105,7 @@ class CertifiedTable(Table):
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """The row of `index` for the tube (start, within); None and too large a `within` count as N - start.
-
-        ValueError if `start` is no whole number from 0 to N, or `within` none from 0 on.
-        """
+        """The row of `index` for the tube (start, within); None and too large a `within` count as N - start."""
         start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
@@ -709,14 +706,11 @@ class CellSets:
         return self.added[0 if self.time_invariant else step, within]
 
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
-        """The table of all entries, with `details` and facts about its cells; called once, as the entries are used up.
-
-        Of a problem without a number of steps it has as many as changed a set, and a warning is told where that has not
-        settled.
-        """
+        """The table of all entries, with `details` and facts about its cells; called once, as entries are used up."""
         proof, problem = self.proof, self.proof.problem
         facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
         if problem.steps is None:
+            # it has as many entries as changed a set
             changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
             last = max(changed, default=1)
             facts |= {"endless": True} if self.settled or not problem.has_no_target else {}

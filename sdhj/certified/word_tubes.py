@@ -43,12 +43,10 @@ class Lattice(NamedTuple):
 def in_words(
     problem: ReachAvoidProblem, depends: FloatArray, cells: Sequence[CellAxis], unsafe_set: UnsafeSet, parts: int
 ) -> bool:
-    """Whether cells along the axes of an unsafe set are looked at 64 at a time.
-
-    They are if they may be (`goes_along`), and there would be more than `COUNTED` boxes of half a cell at all times.
-    """
+    """Whether cells along the axes of an unsafe set are looked at 64 at a time: if they may be, and boxes are many."""
     axes = unsafe_set.axes
     spans = parts * problem.most_steps if unsafe_set.moving else 1
+    # of half a cell, at all times
     many = math.prod(cells[k].count for k in axes) * 2 ** len(axes) * spans > COUNTED
     return many and goes_along(problem, depends, axes)
 
