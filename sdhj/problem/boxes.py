@@ -114,11 +114,11 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
     runs.append((first, count))
     found = []
     for begin, end in runs:
-        axes_maxima, node = [], np.zeros(end - begin, np.int64)
+        axes_maxima, leaf_of_box = [], np.zeros(end - begin, np.int64)
         for axis in (*others, last):
-            some = np.column_stack([node, spans[begin:end, axis]])
-            leaves, node = np.unique(some, axis=0, return_inverse=True) if axis != last else (some, node)
-            node = node.reshape(-1)
+            some = np.column_stack([leaf_of_box, spans[begin:end, axis]])
+            leaves, leaf_of_box = np.unique(some, axis=0, return_inverse=True) if axis != last else (some, leaf_of_box)
+            leaf_of_box = leaf_of_box.reshape(-1)
             if axis == last or leaves[:, 1:].any():
                 kinds_here, which = np.unique(leaves[:, 1:], axis=0, return_inverse=True)
                 parent = tuple(leaves[:, 0].astype(int).tolist())
@@ -144,9 +144,9 @@ def maxima(
         for axis_maxima in axes_maxima:
             some = range(grid.shape[axis_maxima.axis])[wanted[axis_maxima.axis] if wanted else slice(None)]
             leaves = _leaves(axis_maxima, grid, interpolation == "limited", values.dtype.str, some.start, some.stop)
-            whole = Maxima(first, len(axis_maxima.parent), found, axis_maxima.axis, leaves)
-            found = whole.of() if axis_maxima is not axes_maxima[-1] else found
-        yield whole
+            of_run = Maxima(first, len(axis_maxima.parent), found, axis_maxima.axis, leaves)
+            found = of_run.of() if axis_maxima is not axes_maxima[-1] else found
+        yield of_run
 
 
 def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:

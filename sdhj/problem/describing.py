@@ -41,11 +41,11 @@ def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
     if "error" in said["sensing"]:  # one for all axes is the same as one given for each
         error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
         said["sensing"] = said["sensing"] | {"error": error}
-    held = {}
+    hashed = {}
     for name, values in arrays.items():
         numbers: Any = np.ascontiguousarray(values, "<f8")
-        held[name] = [list(values.shape), hashlib.sha256(numbers).hexdigest()]
-    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
+        hashed[name] = [list(values.shape), hashlib.sha256(numbers).hexdigest()]
+    return hashlib.sha256(json.dumps([said, hashed], sort_keys=True).encode()).hexdigest()
 
 
 def blackbox_values(problem: Any, name: str) -> FloatArray:

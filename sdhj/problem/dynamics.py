@@ -513,11 +513,11 @@ class VectorField(Remembering):
     def greatest_along(self, points: FloatArray, j: int, t: float, directions: FloatArray) -> FloatArray:
         """An upper bound on n . velocity over v, which is cut, for directions n (K, ndim), at points: (M, K)."""
         ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
-        nodes = [
+        edges = [
             np.linspace(a, b, cut + 1)
             for a, b, cut in zip(*ends, self.pieces_of_components(range(self.ndim)), strict=True)
         ]
-        pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(directions)), -np.inf)
+        pieces, found = np.array([*product(*map(pairwise, edges))]), np.full((len(points), len(directions)), -np.inf)
         for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
             states = np.repeat(points, len(v), 0)
             low, high = (np.hstack([states, np.tile(v[..., i], (len(points), 1))]) for i in (0, 1))

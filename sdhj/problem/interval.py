@@ -179,15 +179,15 @@ class Interval(ReadOnly):
         if self.dynamics.constant:  # exact; else long durations need several calls
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
             return self.grid.clipped(moved)
-        out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
+        out, states_and_v = np.empty_like(states), np.concatenate([states, v], axis=1)
         for j, rows in by_input(inputs):
-            step = self._as_formula(("step", j), partial(self._runge_kutta, j), whole.shape[1], 2)
-            out[rows] = step(whole[rows], t, duration)
+            step = self._as_formula(("step", j), partial(self._runge_kutta, j), states_and_v.shape[1], 2)
+            out[rows] = step(states_and_v[rows], t, duration)
         return out
 
-    def _runge_kutta(self, j: int, whole: Any, t: Any, duration: Any) -> Any:
+    def _runge_kutta(self, j: int, states_and_v: Any, t: Any, duration: Any) -> Any:
         """One Runge-Kutta step of order 4 under input j from states and v side by side, (M, ndim + D): (M, ndim)."""
-        states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
+        states, v = states_and_v[:, : self.grid.ndim], states_and_v[:, self.grid.ndim :]
 
         def velocity(q: Any, now: Any) -> Any:
             return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
@@ -425,7 +425,7 @@ class Interval(ReadOnly):
         return dynamics.drift.depends_on_time or any(drifts) or not all(map(partial(_symmetric, row), pushes))
 
     @property
-    def held(self) -> FloatArray:
+    def walls_needing_boxes(self) -> FloatArray:
         """Coordinates (2, ndim) of walls at which states may end outside segments or planes; -+inf elsewhere."""
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
@@ -539,10 +539,10 @@ class Interval(ReadOnly):
             require_memory(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
         points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
         ends = dynamics.disturbance_bounds(j, points, points, (t, t))
-        nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
+        edges = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
         # each velocity is in the box of some piece, so the true H is at most the maximum over them
         for at in product(*map(range, cuts)):
-            v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
+            v = [(float(one[i]), float(one[i + 1])) for one, i in zip(edges, at, strict=True)]
             found = dynamics.functions_by_input["drift"][j].bounds(points, points, (t, t), *v)
             low, high = (end[:, axes].T.reshape(-1, *grid.shape) for end in found)
             lows.append(low.min(axis=places))

@@ -32,7 +32,7 @@ def tape_of_problem(
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
     # at N the begin of an interval is the only instant
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
-    faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.held])
+    faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.walls_needing_boxes])
     # without checks there are no instants, and the true sets are not evaluated
     when, inputs = (times if checks else times[:0], faces, np.array([interval.begin])), np.arange(len(problem.inputs))
     under = [0 * inputs - 1 if part.inputs is None else part.counts(inputs) for part in problem.unsafe]

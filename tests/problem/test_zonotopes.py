@@ -378,7 +378,10 @@ def test_at_a_wall_that_is_not_symmetric_the_box_is_seen(rng):
     assert margins[0] == pytest.approx(grid.interpolate(values, np.clip(states[0] + boxed, 0.0, 1.0)).max(), abs=1e-6)
     along = np.linspace(-0.1, 0.1, 5)[:, None] * [1.0, 1.0]
     assert margins[1] == pytest.approx(grid.interpolate(values, states[1] + along).max(), abs=1e-6)
-    assert problem.interval(0).held[0, 0] == 0.0 and np.isinf(problem.interval(0).held[:, 1]).all()
+    assert (
+        problem.interval(0).walls_needing_boxes[0, 0] == 0.0
+        and np.isinf(problem.interval(0).walls_needing_boxes[:, 1]).all()
+    )
 
 
 def test_too_many_points_are_a_box():

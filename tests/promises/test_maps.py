@@ -28,7 +28,7 @@ from sdhj.certified import Certified
 from sdhj.certified.check import stated, verify
 from sdhj.formulas import graph
 from sdhj.formulas.graph import ordered
-from sdhj.problem.shapes.maps import BYTES_A_PIXEL, clearance
+from sdhj.problem.shapes.maps import BYTES_A_PIXEL, distances_at_nodes
 
 GREY = {"free": 254, "occupied": 0, "unknown": 205}
 YAML = """image: map.pgm
@@ -112,7 +112,7 @@ def test_distances_at_the_nodes_are_exact(seed: int) -> None:
     rng, side = np.random.default_rng(seed), 0.3
     blocked = rng.random((rng.integers(1, 7), rng.integers(1, 7))) < rng.random()
     blocked[0, 0] = False
-    nodes = clearance(blocked, side)
+    nodes = distances_at_nodes(blocked, side)
     assert nodes.shape == (2 * blocked.shape[1] + 1, 2 * blocked.shape[0] + 1)
     for (i, j), value in np.ndenumerate(nodes):
         told = naive_maps.signed_distance(i * side / 2, j * side / 2, blocked.tolist(), side)

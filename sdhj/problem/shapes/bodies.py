@@ -157,10 +157,10 @@ class Body:
 
 def parts_of(shape: Any) -> list[Part]:
     """The convex parts of one or more polygons of Shapely, without those of no area."""
-    whole = convex_parts(shape)
+    corners_of_each = convex_parts(shape)
     # edges that parts share are moved outward, so that rounding loses no point on them
-    size = max((float(np.ptp(corners)) for corners in whole), default=0.0)
-    return [part(corners, ROUNDING * size if len(whole) > 1 else 0.0) for corners in whole]
+    size = max((float(np.ptp(corners)) for corners in corners_of_each), default=0.0)
+    return [part(corners, ROUNDING * size if len(corners_of_each) > 1 else 0.0) for corners in corners_of_each]
 
 
 def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:

@@ -75,7 +75,7 @@ def map_distance(
     if np.shape(origin) not in ((2,), (3,)):
         raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {reprlib.repr(origin)}")
     x, y, yaw = (*finite_array("origin", origin).tolist(), 0.0)[:3]
-    nodes = clearance(blocked, side)
+    nodes = distances_at_nodes(blocked, side)
     width, height = ((np.array(nodes.shape) - 1.0) * (side / 2)).tolist()
     nodes -= side / math.sqrt(8.0) + radius
     nodes.setflags(write=False)  # so that it is not copied
@@ -89,7 +89,7 @@ def map_distance(
     return distance, (x, y, yaw)
 
 
-def clearance(blocked: FloatArray, side: float) -> FloatArray:
+def distances_at_nodes(blocked: FloatArray, side: float) -> FloatArray:
     """Signed distance to blocked pixels and to what is outside the map, m, at nodes half a pixel apart.
 
     blocked (rows, columns), row 0 at the top; the result (2 columns + 1, 2 rows + 1), x before y, both ascending.
