@@ -42,21 +42,10 @@ class ArmProof(Proof):
 
     The axes are the two joint angles and the coordinates x and y of the agent: the pursuer or the evader whose position
     is in the state. Sets of cells are packed: a row for each pair of cells of the joints, in it a bit for each pair of
-    cells of the agent. Made by `of`, or read by `load`.
-
-    Attributes
-    ----------
-    motion : ArmMotion
-        Images, tubes and where the arm is clear of the known obstacles; under the fastest input an interval has
-        `Proof.parts` parts, under others fewer.
-    kind : str
-        "arm", by which a file names this class.
-    rows : int
-        2: the joints number the blocks (`Proof.rows`).
-    time_invariant : bool
-        False, as a set is kept for each start.
+    cells of the agent.
     """
 
+    # images, tubes and where the arm is clear of the known obstacles; fewer parts under slower inputs
     motion: ArmMotion
     kind = "arm"
 
@@ -73,13 +62,7 @@ class ArmProof(Proof):
     def of(
         cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, allowed: FloatArray | None = None
     ) -> "ArmProof":
-        """The proof of an arm's problem, with all that depends on no set.
-
-        problem : of `sdhj.arm.case_studies`.
-        axes : the cells of each of the four axes.
-        parts : into which an interval is cut under the fastest input; under slower ones into fewer.
-        allowed : (steps, L, n1, n2) bool, from which cells of the joints the arm is clear of the known obstacles; None:
-            computed (`clear_of_obstacles`).
+        """The proof of an arm's problem, with all that depends on no set; `allowed` is that of `clear_of_obstacles`.
 
         ValueError for lengths or speeds beyond `LONGEST` and for more than `MARKED_STEPS` steps, MemoryError where it
         does not fit into memory.
@@ -118,7 +101,6 @@ class ArmProof(Proof):
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
     def __post_init__(self) -> None:
-        """Make the arrays of the motion read-only."""
         read_only(tuple(self.motion))
 
     @property
@@ -128,10 +110,7 @@ class ArmProof(Proof):
 
     @staticmethod
     def peak_bytes_for(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds; an estimate from above.
-
-        axes : the cells of each axis. parts : into which an interval is cut under the fastest input.
-        """
+        """The bytes that a solve takes at most, without the sets that it finds; an estimate from above."""
         count, (n1, n2, nx, ny) = len(problem.inputs), (axis.count for axis in axes)
         # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
         joints = n1 * n2 * problem.steps + max(n1, n2, nx, ny) * (64 + 96 * parts)
@@ -139,7 +118,7 @@ class ArmProof(Proof):
 
     @property
     def peak_bytes(self) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds; estimated by `peak_bytes_for`."""
+        """As `peak_bytes_for`."""
         return self.peak_bytes_for(self.problem, self.axes, self.parts)
 
     @property
@@ -161,8 +140,7 @@ class ArmProof(Proof):
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """The first and the last cell, each (M, 4), of the images of cells `some` (M, 4) under inputs.
 
-        On a periodic axis the last cell may lie past the end. inputs : (M,) indices, or one index for all the cells.
-        step : not used.
+        On a periodic axis the last cell may lie past the end.
         """
         at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
@@ -177,18 +155,7 @@ class ArmProof(Proof):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """Which of some inputs are certified for cells `some` (M, 4), indices, at a step: (M, L) bool.
-
-        An input is certified if the arm stays clear and all of the cell is led into the set with steps_left[m] - 1
-        steps to go.
-
-        steps_left (M,) : the steps to go; 0: no input is certified.
-        step : when the interval begins.
-        sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
-            staying clear is enough.
-        among : (M, L) bool, the inputs that are asked about; False for all others.
-        lines : not used.
-        """
+        """As `GeneralProof.inputs`: which inputs are certified for cells `some` (M, 4) at a step, (M, L) bool."""
         out = among.copy()
         arm_inputs(some, steps_left, step, self.cells, self.motion, sets, pool, out)
         return out
@@ -209,9 +176,8 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof whose array is in an open file.
 
-        stated : what `ArmProof.entry_in_head` was. axes : the cells of each axis. ValueError where the parts, or the
-        size or the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
-        `ArmProof.of`. The bits are not checked.
+        ValueError where the parts, or the size or the type of the data set, do not fit the problem and its cells;
+        ValueError and MemoryError as from `ArmProof.of`. The bits are not checked.
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
         packed = read_array(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
@@ -222,10 +188,7 @@ class ArmProof(Proof):
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
     def prepare(self, progress: bool | None) -> list[FloatArray]:
-        """The cells from which the agent cannot touch the arm in an interval: a list of (n1, n2, W) uint64, by input.
-
-        All cells if the agent is an evader. progress : whether to show a bar, as for `sdhj.solve`.
-        """
+        """The cells from which the agent cannot touch the arm in an interval: (n1, n2, W) uint64 for each input."""
         motion, clear = self.motion, []
         for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
@@ -233,17 +196,15 @@ class ArmProof(Proof):
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))
                 pursuer_clear(*read_only([*map(np.ascontiguousarray, moves)]), motion.arm, motion.agent, clear[j])
             else:
+                # an evader may be touched
                 clear[j][:] = to_words(np.ones(motion.agent.nx * motion.agent.ny, np.bool_))
         return clear
 
     def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, changed: Any = None) -> None:
         """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place: add those that an input leads into `following`.
 
-        Of these inputs, the arm has to stay clear of the obstacles and of the agent. Sets are (n1 n2, W) uint64.
-
-        clear : what `prepare` returned.
-        following : S_{k+1}^{n-1}.
-        changed : not used.
+        Of these inputs, the arm has to stay clear of the obstacles and, by `clear` of `prepare`, of the agent. Sets are
+        (n1 n2, W) uint64.
         """
         motion, (n1, n2, words) = self.motion, self.shape
         eroded, scratch = following.copy(), np.empty((n1, n2 * words), np.uint64)
@@ -289,10 +250,7 @@ def arm_numbers(stage: ArmScene) -> FloatArray:
 
 
 def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
-    """The least and the greatest coordinate of a state whose prediction is in each of the n cells of an axis: (n, 2).
-
-    axes : the cells of all axes. axis : the number of one.
-    """
+    """The least and the greatest coordinate of a state whose prediction is in each of the cells of an axis: (n, 2)."""
     edges, off = axes[axis].edges(), float(prediction_error_along(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
@@ -300,15 +258,11 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 def clear_of_obstacles(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
 ) -> FloatArray:
-    """Whether the arm stays clear of the known obstacles from each cell of the joints: (steps, L, n1, n2) bool.
+    """Whether the arm is proved to stay clear of the obstacles from each cell of the joints: (steps, L, n1, n2) bool.
 
-    For every time of an interval of length `delta`, s, from every state whose prediction is in the cell. True of cells
-    where that is proved; without obstacles of all.
-
-    axes : the cells of all axes.
-    times (2^(h + 1) + 1, steps) : the times, s, that cut each step's interval evenly; to find the proof it is halved h
-        times at most.
-    velocities (2, L, 2) : of both joints under each input, the least and the greatest, rad/s.
+    For every time of an interval of length `delta`, s, from every state whose prediction is in the cell. `times` (2^(h
+    + 1) + 1, steps), s, cut each step's interval evenly; to find the proof it is halved h times at most. `velocities`
+    (2, L, 2) are the least and the greatest of both joints under each input, rad/s.
     """
     stage, jitter = scene(problem), problem.sensing.jitter
     out = np.ones((times.shape[1], velocities.shape[1], axes[0].count, axes[1].count), np.bool_)
@@ -327,12 +281,8 @@ def clear_of_obstacles(
 def packed_window(first: FloatArray, number: FloatArray, agent: Agent) -> tuple[FloatArray, FloatArray]:
     """The neighbours that a cell of the agent needs, as `erode_packed` takes them: (shifts, passes).
 
-    shifts (2, offsets) int64 : how many bits away the neighbours at all offsets are, along x and along y.
-    passes (2, offsets, W) uint64 : the cells that do not need the neighbour at an offset, as it is not in their image.
-
-    first, number (2, n) : the images of the agent's cells along x and along y, as `CellAxis.image` returns them; what
-        is past nx and ny cells is not used. ValueError if the agent cannot stay where it is, as its drift is larger
-        than its speed.
+    shifts (2, offsets) int64 : how many bits away the neighbours at all offsets are, along x and along y. passes (2,
+    offsets, W) uint64 : the cells that do not need the neighbour at an offset, as it is not in their image.
     """
     cells = np.stack(np.divmod(np.arange(agent.nx * agent.ny), agent.ny))
     low = np.take_along_axis(first, cells, axis=1) - cells
