@@ -22,6 +22,7 @@ from sdhj.certified.dangers import Dangers, dangers_of, kept_together
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.packing import Changes, Packing
 from sdhj.certified.word_tubes import (
+    HALVINGS_OF_A_BOX,
     Lattice,
     boxes_in_words,
     far_beyond,
@@ -93,7 +94,7 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
-    some = [~bounds.outside(unsafe_set, low, high, span) for span in times]
+    some = [~bounds.outside(unsafe_set, low, high, span, HALVINGS_OF_A_BOX) for span in times]
     some += [np.any(some, axis=0)] if len(some) > 1 else []
     laps = sizes * np.where(own.periodic, 2, 1)
     sums = np.zeros((len(some), *(laps + 1)), np.int32)
@@ -242,7 +243,7 @@ class GeneralProof(Images):
         """Where the bits of clear inputs are in an interval from a step, as arrays for compiled code, `Clear`."""
         begin, strides, total = list[int](), list[FloatArray](), 0
         for one in self.dangers:
-            shape, counts = one.shape(self.problem, self.axes), self._counts(one)
+            shape, counts = one.shape(self.problem, self.axes), self.counts_of(one)
             begin.append(total + min(step, shape[0] - 1) * shape[1] * shape[2])
             strides.append(_strides(counts) * (counts > 1) * shape[2])
             total += math.prod(shape)
@@ -250,7 +251,7 @@ class GeneralProof(Images):
         found = np.array(begin, np.int64), np.array(strides, np.int64).reshape(-1, ndim)
         return Clear(self.clear, *read_only(found))
 
-    def _counts(self, dangers: Dangers) -> FloatArray:
+    def counts_of(self, dangers: Dangers) -> FloatArray:
         """How many cells there are along each axis, (ndim,), 1 on those that the dangers are not asked about on."""
         own = np.zeros(len(self.axes), np.bool_)
         own[[*dangers.axes]] = True
@@ -349,7 +350,7 @@ class GeneralProof(Images):
         whole, out = dict(zip((one.axes for one in self.dangers), self.bits_of_clear, strict=True)), list[_Asked]()
         at_place = self.cells_at(np.arange(self.low.shape[2]))
         for one in dangers_of(self.problem):
-            counts = self._counts(one)
+            counts = self.counts_of(one)
             begin = _numbers(self.strides > 0, counts)
             others = np.isin(np.arange(len(counts)), one.axes, invert=True)
             first = ~at_place[:, others].any(axis=1)  # of the places that differ on other axes only
@@ -403,7 +404,7 @@ class GeneralProof(Images):
     def _unite(self, asked: Sequence[_Asked]) -> None:
         """Clear in `clear` what was marked of dangers that are kept with those of more axes."""
         for one, bits in zip(self.dangers, self.bits_of_clear, strict=True):
-            every = bits.reshape(len(bits), *self._counts(one).tolist(), -1)
+            every = bits.reshape(len(bits), *self.counts_of(one).tolist(), -1)
             for own in asked:
                 part_of_it = {*own.dangers.sets} <= {*one.sets} and {*own.dangers.ends} <= {*one.ends}
                 if part_of_it and own.dangers.axes != one.axes:

@@ -15,9 +15,9 @@ import numpy as np
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.kernels import FloatArray, read_only
-from sdhj.kernels.packed import Cells, swap_packed
+from sdhj.kernels.packed import FULL, Cells, swap_packed, to_words
 from sdhj.kernels.stencils import Clear, Moves, grow
-from sdhj.kernels.windows import add_predecessors
+from sdhj.kernels.windows import ClearWords, add_predecessors
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
@@ -58,6 +58,7 @@ class Packing:
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}  # the last that was asked for
+        self.words: dict[tuple[int, int], FloatArray] = {}  # by kind of dangers, of the last step that was asked for
 
     def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Add to `cells` (rows, W) each cell whose image under a clear input is in `following` (rows, W), in place.
@@ -67,7 +68,7 @@ class Packing:
         """
         some = self._at(step)
         if self.alike:
-            self._add_alike(cells, following, some)
+            self._add_alike(cells, following, some, self._clear_words(step))
             return
         if self.axis == len(self.order) - 1:
             self._grow(cells, following, changed, some)
@@ -82,7 +83,7 @@ class Packing:
         self._grow(inside, self._swapped(following, False), changed, some)
         cells[...] = self._swapped(inside, True)
 
-    def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
+    def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped, clear: ClearWords) -> None:
         """`add` where all cells move alike.
 
         The image of a cell is a window of cells, the same from each cell. It does not lie in `following` if it contains
@@ -95,8 +96,25 @@ class Packing:
         boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
         led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_predecessors(missing.reshape(cells.shape), some.clear, inputs, wanted, led, some.cells.counts)
+            add_predecessors(missing.reshape(cells.shape), clear, inputs, wanted, led, some.cells.counts)
         cells[...] = led if self.proof.shrinks else cells | led
+
+    def _clear_words(self, step: int) -> ClearWords:
+        """From which cells each input is clear in the interval from a step; `words` keeps what does not move."""
+        proof, kept, each = self.proof, dict[tuple[int, int], FloatArray](), list[Any]()
+        for kind, (one, bits) in enumerate(zip(proof.dangers, proof.bits_of_clear, strict=True)):
+            start, counts = min(step, len(bits) - 1), proof.counts_of(one)
+            if (kind, start) not in self.words:
+                self.words[kind, start] = in_words(bits[start], int(counts[-1]), len(proof.problem.inputs))
+            words = kept[kind, start] = self.words[kind, start]
+            rows = np.cumprod([1, *counts[-2:0:-1].tolist()])[::-1] * (counts[:-1] > 1) * words.shape[2]
+            each.append((words.ravel(), words[0].size, [*rows[: len(counts) - 1], int(counts[-1] > 1)]))
+        self.words = kept
+        sizes = np.array([size for _, size, _ in each], np.int64)
+        begin = np.cumsum([0, *(own.size for own, _, _ in each)])[:-1]
+        strides = np.array([own for *_, own in each], np.int64).reshape(-1, len(proof.axes))
+        every = np.concatenate([np.zeros(0, np.uint64), *(own for own, _, _ in each)])
+        return ClearWords(*read_only((every, begin, sizes, strides)))
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
         """`add` for sets that are packed along `axis` already; `cells` is modified in place."""
@@ -147,6 +165,15 @@ class Packing:
         out = np.empty((len(sets) // first * last, -(-first // 64)), np.uint64)
         swap_packed(sets, first, math.prod(counts[self.axis + 1 : -1].tolist()), last, out)
         return out
+
+
+def in_words(bits: FloatArray, count: int, inputs: int) -> FloatArray:
+    """Bits (cells, bytes) uint8 by input, in words of a row: (inputs, rows, W) uint64, all ones or zeros for 1 cell.
+
+    count : of cells of a row.
+    """
+    each = ((bits[:, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(-1, count) for j in range(inputs))
+    return np.stack([to_words(own) if count > 1 else own * FULL for own in each])
 
 
 def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:

@@ -26,6 +26,7 @@ BOXES = 4_000_000  # in which a level set is asked for, at all times together, o
 LEAST_PIECES = 2  # of a cell along each axis on which inputs move it, where that is more
 MOST_PIECES = 16
 ASKED_AT_ONCE = 1 << 22  # boxes
+HALVINGS_OF_A_BOX = 2  # along each axis, where the sign of a set's function is open: 4 pieces
 ALIKE = 1e-12  # of the largest coordinate: how far moves under all inputs may differ by rounding
 
 
@@ -112,7 +113,8 @@ def boxes_in_words(
     for at in (
         slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))
     ):
-        meets = ~bounds.outside(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times)
+        own = [low[0][at], *low[1:]], [high[0][at], *high[1:]]
+        meets = ~bounds.outside(unsafe_set, *own, times, HALVINGS_OF_A_BOX)
         planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
         out[at] = to_words(planes)
     return with_margins(out, last, far)

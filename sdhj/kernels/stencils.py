@@ -15,6 +15,8 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.packed import BIT, bits_between, has_bits, shifted_word
 
+CHUNKS = 64  # that cells are looked at in, each with scratch memory
+
 
 class Moves(NamedTuple):
     """Where each input leads the cells at each place: from cell + low to cell + high, (L, places, ndim) int16."""
@@ -264,22 +266,24 @@ def add_marked(inside, clear, marks, strides, counts):
 
     marks (sites, bytes). strides, counts (ndim,) : a cell is at the site sum(cell * strides); the numbers of cells.
     """
-    last = counts[counts.size - 1]
-    for i in prange(inside.shape[0]):
-        site, cell, begins = 0, np.empty(counts.size, np.int64), np.empty(clear.begin.size, np.int64)
-        cell_of(np.int64(i) * last, counts, cell)
-        begins_of_clear(cell, clear, begins)
-        for axis in range(counts.size - 1):
-            site += cell[axis] * strides[axis]
-        for bit in range(last):
-            at = site + bit * strides[counts.size - 1]
-            for byte in range(marks.shape[1]):
-                some = marks[at, byte]
-                for kind in range(begins.size):
-                    own = begins[kind] + bit * clear.strides[kind, counts.size - 1]
-                    some &= clear.bits[own + byte]
-                if some:
-                    inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
+    rows, last = inside.shape[0], counts[counts.size - 1]
+    for chunk in prange(CHUNKS):
+        cell, begins = np.empty(counts.size, np.int64), np.empty(clear.begin.size, np.int64)
+        for i in range(np.int64(chunk) * rows // CHUNKS, (np.int64(chunk) + 1) * rows // CHUNKS):
+            site = 0
+            cell_of(np.int64(i) * last, counts, cell)
+            begins_of_clear(cell, clear, begins)
+            for axis in range(counts.size - 1):
+                site += cell[axis] * strides[axis]
+            for bit in range(last):
+                at = site + bit * strides[counts.size - 1]
+                for byte in range(marks.shape[1]):
+                    some = marks[at, byte]
+                    for kind in range(begins.size if some else 0):
+                        own = begins[kind] + bit * clear.strides[kind, counts.size - 1]
+                        some &= clear.bits[own + byte]
+                    if some:
+                        inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
 
 
 @kernel(inline="always")
@@ -315,7 +319,6 @@ def add_up(flat, n, stride):
             flat[at] += flat[at - stride]
 
 
-CHUNKS = 64  # that cells are looked at in, each with scratch memory
 SEGMENT = 16  # cells of a line that are looked up together first
 # places whose cells are looked at line by line where no cache holds all cells, as they are mostly next to each other in
 # memory; and the cells of these lines, at most, which bounds the scratch memory

@@ -4,12 +4,29 @@ Along each axis `fine` boxes make a cell. Where all cells move alike, cell i ove
 fine i + last of an axis: so what all of them meet is united axis by axis, 64 cells of the last axis at a time.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
+from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import kernel
 from sdhj.kernels.packed import BIT, bits_between, has_bit, set_bits, shifted_word
-from sdhj.kernels.stencils import begins_of_clear, cell_of, is_clear
+from sdhj.kernels.stencils import CHUNKS, cell_of
+
+
+class ClearWords(NamedTuple):
+    """From which cells inputs are clear in one interval, 64 cells of the last axis in a word, for G kinds of dangers.
+
+    words (words,) uint64 : all of them. begin, each (G,) : where a kind's words begin, and how many an input has.
+    strides (G, ndim) : by how many words they go on along each axis, but along the last one from word to word: 0 along
+    one that the kind does not have, of which a word is all ones or zeros.
+    """
+
+    words: FloatArray
+    begin: FloatArray
+    each: FloatArray
+    strides: FloatArray
 
 
 @kernel(parallel=True)
@@ -72,22 +89,32 @@ def clear_inputs_that_meet(clear, begin, met, count):
 def add_predecessors(missing, clear, inputs, wanted, led, counts):
     """Set in `led` the bits of the wanted cells that are not in `missing` and from which one of some inputs is clear.
 
-    missing, wanted, led (rows, W), led in place. inputs (n,) : their numbers. counts (ndim,) : of cells.
+    missing, wanted, led (rows, W) : uint64, a bit for each cell of a row; `led` is modified in place. clear : the
+        `ClearWords`. inputs (n,) : their numbers. counts (ndim,) : of cells.
     """
-    (rows, words), count = led.shape, counts[counts.size - 1]
-    for row in prange(rows):
+    (rows, words), last = led.shape, counts.size - 1
+    for chunk in prange(CHUNKS):
         cell, begins = np.empty(counts.size, np.int64), np.empty(clear.begin.size, np.int64)
-        cell_of(np.int64(row) * count, counts, cell)
-        begins_of_clear(cell, clear, begins)
-        for word in range(words):
-            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
-            some &= bits_between(word, 0, count)  # what is behind the last cell would be looked at for nothing
-            for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
-                if (some >> np.uint64(bit & 63)) & BIT == 0:
+        for row in range(np.int64(chunk) * rows // CHUNKS, (np.int64(chunk) + 1) * rows // CHUNKS):
+            known = False
+            for word in range(words):
+                some = ~missing[row, word] & wanted[row, word] & ~led[row, word] & bits_between(word, 0, counts[last])
+                if some == 0:
                     continue
+                if not known:
+                    cell_of(np.int64(row) * counts[last], counts, cell)
+                    for kind in range(begins.size):
+                        begins[kind] = clear.begin[kind]
+                        for axis in range(last):
+                            begins[kind] += cell[axis] * clear.strides[kind, axis]
+                    known = True
                 for j in inputs:
-                    if is_clear(clear, begins, bit, j):
-                        led[row, word] |= BIT << np.uint64(bit & 63)
+                    found = some
+                    for kind in range(begins.size):
+                        found &= clear.words[begins[kind] + j * clear.each[kind] + word * clear.strides[kind, last]]
+                    led[row, word] |= found
+                    some &= ~found
+                    if some == 0:
                         break
 
 
