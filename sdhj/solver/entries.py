@@ -488,7 +488,7 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
         if 0 < (limit := one.get("memory_limit") or 0) < needed:
             few = f"{needed / 1e9:.3g} GB, and the worker {name} has {limit / 1e9:.3g} GB"
             raise MemoryError(f"an entry of this solve needs about {few}; {said}")
-    check_resolution(problem, most=LOOKED_AT)
+    check_resolution(sets.parts.samples, LOOKED_AT)
     if not there:
         begin(found, sets)
     return found

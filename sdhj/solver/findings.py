@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.common.findings import Finding, ProjectionWarning, tell
+from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.nodes import neighbour, steepest
@@ -55,17 +56,17 @@ RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer m
 # ---- a set that nodes miss
 
 
-def check_resolution(problem: ReachAvoidProblem, most: float = math.inf) -> None:
+def check_resolution(samples: Samples, most: float = math.inf) -> None:
     """Warn of seams, and of unsafe sets that hide between nodes, for methods on the grid; of each set once.
 
     Sets with sampling="cell", and those whose axes have more than `most` nodes, are not looked at. Sets that no node is
     in danger of have `never_met_finding`.
     """
+    problem = samples.problem
     check_seams(problem)
-    samples = Samples(problem)
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling != "cell" and problem.grid.subgrid(unsafe_set.axes).size <= most:
-            each = (_hidden_finding(samples, unsafe_set, t) for t in _few_times(problem, unsafe_set))
+            each = (_hidden(samples, unsafe_set, t) for t in _few_times(problem, unsafe_set))
             tell(next(filter(None, each), None))
 
 
@@ -80,7 +81,7 @@ def check_sets(problem: ReachAvoidProblem) -> None:
         nowhere = _nowhere_finding(samples, unsafe_set)
         sought = nowhere or problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
         times = _few_times(problem, unsafe_set) if sought else []
-        hidden = (_hidden_finding(samples, unsafe_set, t, ASKED) for t in times)
+        hidden = (_hidden(samples, unsafe_set, t, ASKED) for t in times)
         tell(next(filter(None, hidden), nowhere))
 
 
@@ -103,6 +104,17 @@ def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
         0.0,
         "check its axes, its place and its units, and the sign of its level-set function (negative is inside)",
     )
+
+
+def _hidden(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:
+    """What `_hidden_finding` returns; kept with a formula for the next solve, of which the search is a twentieth."""
+    level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
+    if isinstance(level_set, Formula):
+        known = level_set.remembered("hidden", dict)
+    key = unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, samples.grid, t, so
+    if key not in known:
+        known[key] = _hidden_finding(samples, unsafe_set, t, so)
+    return known[key]
 
 
 def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:

@@ -216,7 +216,9 @@ class GridParts:
     """
 
     def __init__(self, problem: ReachAvoidProblem, method: GridMethod, empty: Callable[..., Any] = np.empty) -> None:
-        self.problem, self.samples, self.method, self.empty = problem, Samples(problem), method, empty
+        self.problem, self.method, self.empty = problem, method, empty
+        # kept for the next solve, of which the samples of the arm's pursuer are a fiftieth
+        self.samples: Samples = problem.remembered("samples", lambda: Samples(problem))
         self.dtype: str = method.options.get("dtype", "float32")
         kinds, found = {"avoid_static": False, "avoid_moving": True}, dangers(self.samples.padded)
         # by the name of the array that has their tubes, and below the axes on which these depend
@@ -395,7 +397,7 @@ class GridSets:
         parts, problem = self.parts, self.problem
         shapes = {name: parts.shape(name) for name in ARRAYS}
         require_memory(bytes_of_solve(parts), "this solve", why_large(problem, parts.dtype))
-        check_resolution(problem)
+        check_resolution(parts.samples)
         met, avoid = set[int](), dict[str, FloatArray]()
         for name in parts.axes:
             avoid[name] = np.empty(shapes[name], parts.dtype)

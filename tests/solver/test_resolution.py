@@ -18,6 +18,10 @@ from sdhj.solver.joint import Joint
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 
 
+def looked_over(problem):
+    check_resolution(Samples(problem))
+
+
 def plan(p, half):
     """A thick block merged with a wall around x = 4.1 into one set, as in a map; the way round is above."""
     wall = np.maximum(np.abs(p[:, 0] - 4.1) - half, p[:, 1] - 6.5)
@@ -67,7 +71,7 @@ def test_a_wall_between_the_nodes_is_told_and_where_and_how_many_nodes_it_takes(
 @pytest.mark.parametrize("half", [0.005, 0.02, 0.09])
 def test_walls_of_any_thickness_are_found(half):
     with pytest.warns(ResolutionWarning, match="hides"):
-        check_resolution(room(half=half))
+        looked_over(room(half=half))
 
 
 def test_what_the_grid_sees_is_not_told():
@@ -80,8 +84,8 @@ def test_what_the_grid_sees_is_not_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for name, shape in shapes.items():
-            check_resolution(replace(room(), unsafe=(UnsafeSet((0, 1), shape, name=name),)))
-        check_resolution(sdhj.arm_case_study())
+            looked_over(replace(room(), unsafe=(UnsafeSet((0, 1), shape, name=name),)))
+        looked_over(sdhj.arm_case_study())
 
 
 def test_a_wall_across_the_seam_of_a_periodic_axis_and_one_that_comes_later_are_found():
@@ -92,7 +96,7 @@ def test_a_wall_across_the_seam_of_a_periodic_axis_and_one_that_comes_later_are_
     problem = replace(room(), grid=grid)
     for part in (seam, later):
         with pytest.warns(ResolutionWarning, match=part.name):
-            check_resolution(replace(problem, unsafe=(part,)))
+            looked_over(replace(problem, unsafe=(part,)))
 
 
 def test_by_bounds_the_least_in_the_cells_is_that_of_the_closed_form(rng):
@@ -232,6 +236,22 @@ def test_problems_that_share_a_set_have_samples_of_their_own():
     assert (Samples(replace(room(), unsafe=(changing,))).sample(changing, 0.0) <= 0).sum() > (thin <= 0).sum()
 
 
+def test_what_hides_in_a_formula_is_searched_for_once(monkeypatch):
+    searched = []
+
+    def _hidden(samples, *given):
+        searched.append(samples)
+        return hidden(samples, *given)
+
+    hidden = sdhj.solver.findings._hidden_finding
+    monkeypatch.setattr(sdhj.solver.findings, "_hidden_finding", _hidden)
+    wall = room().unsafe[0]
+    for problem in (replace(room(), unsafe=(wall,)), replace(room(), unsafe=(wall,))):
+        with pytest.warns(ResolutionWarning, match="plan"):
+            check_sets(problem)
+    assert len(searched) == 1
+
+
 @pytest.mark.parametrize("low", [0.0, -np.pi])
 def test_a_set_that_ends_where_a_periodic_axis_begins_anew_is_told(low):
     def ring(level_set, axes=(0, 1)):
@@ -241,13 +261,11 @@ def test_a_set_that_ends_where_a_periodic_axis_begins_anew_is_told(low):
 
     at = low + 2 * np.pi - 0.1
     with pytest.warns(ResolutionWarning, match=r"'unsafe' is cut off where the periodic axis angle ends"):
-        check_resolution(ring(lambda p, t: np.hypot(p[:, 0] - at, p[:, 1]) - 0.4))
+        looked_over(ring(lambda p, t: np.hypot(p[:, 0] - at, p[:, 1]) - 0.4))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_resolution(ring(lambda p, t: np.cos(0.4) - np.cos(p[:, 0] - at), axes=(0,)))
-        check_resolution(
-            ring(lambda p, t: np.maximum(-np.sin(p[:, 0] - low), np.abs(p[:, 1]) - 0.4))
-        )  # ends just there
+        looked_over(ring(lambda p, t: np.cos(0.4) - np.cos(p[:, 0] - at), axes=(0,)))
+        looked_over(ring(lambda p, t: np.maximum(-np.sin(p[:, 0] - low), np.abs(p[:, 1]) - 0.4)))  # ends just there
 
 
 RING = Grid([-np.pi, -1.0], [np.pi, 1.0], [64, 41], [True, False], names=["angle", "height"])
