@@ -59,7 +59,7 @@ class Maxima(NamedTuple):
 
     @property
     def split(self) -> FloatArray:
-        """A view of the values as `maximum_of_intervals` takes them, (functions, A, n, B), n nodes on the last axis."""
+        """A view of the values as `maximum_of_intervals` takes them: (functions, A, n, B), n nodes on the open axis."""
         count, *shape = self.values.shape
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
         return self.values.reshape(count, before, shape[self.axis], behind)
@@ -86,7 +86,7 @@ class AxisMaxima(NamedTuple):
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end`; equal arguments give equal objects."""
+    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end`, which callers must not write to."""
     axis, n = axis_maxima.axis, grid.shape[axis_maxima.axis]
     cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in axis_maxima.spans)
     found = intervals(n, grid.periodic[axis], cells, limited, dtype)
@@ -96,18 +96,15 @@ def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begi
 
 @lru_cache(maxsize=64)
 def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[AxisMaxima, ...]], ...]:
-    """For each run of successive boxes, its first box and the `AxisMaxima` of each axis: boxes that agree share work.
-
-    The axes with the fewest different intervals go first. A run is as many times eight boxes as leave at most `most`
-    functions before the last of them.
-    """
+    """For each run of successive boxes, its first and the `AxisMaxima` of each axis, where boxes that agree share work."""
     spans = np.frombuffer(corners).reshape(count, -1, 2)  # bytes can be remembered by, arrays cannot
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
+    # the axes with the fewest different intervals go first
     *others, last = sorted(range(len(different)), key=lambda axis: (bool(spans[:, axis].any()), different[axis]))
     before = np.column_stack([np.zeros(count), spans[:, others].reshape(count, 2 * len(others))])
     kinds = np.unique(before, axis=0, return_inverse=True)[1].reshape(-1)
     runs, first = [], 0
-    for end in range(EIGHT, count, EIGHT):
+    for end in range(EIGHT, count, EIGHT):  # until more than `most` functions would be kept before the last axis
         if len(set(kinds[first : end + EIGHT].tolist())) > most:
             runs.append((first, end))
             first = end
@@ -131,10 +128,7 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j] at the nodes x, of some successive j at once.
-
-    low, high (L, ndim), in the axes' units; at the nodes `wanted`, by default all.
-    """
+    """Yield the maxima of `values` over boxes [x + low_j, x + high_j], low (L, ndim), at nodes x, for some j at a time."""
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         done = {axis_maxima.axis for axis_maxima in axes_maxima}

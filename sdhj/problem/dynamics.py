@@ -408,10 +408,8 @@ class VectorField(Remembering):
 
     @kept
     def functions_by_input(self) -> dict[str, list[Any]]:
-        """{"drift": [of input 0, of input 1, ...], "gain": ..., "bounds": ...}: (ndim,), (ndim, D) and (D,).
-
-        Where v does not enter linearly "gain" is missing, and the drift is the whole velocity, of v after the time.
-        """
+        """{"drift": [of input 0, of input 1, ...], "gain": ..., "bounds": ...}: (ndim,), (ndim, D) and (D,)."""
+        # without a gain the drift is the whole velocity, with v as parameters after the time
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
         rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
@@ -471,7 +469,7 @@ class VectorField(Remembering):
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
         """For each input a formula of the extremes over all v, drift -+ sum_d |gain_d| |bounds_d|: (2, ndim)."""
-        found, parts = [], self.functions_by_input
+        found, parts = [], self.functions_by_input  # all formulas, and v enters linearly
         for drift, gain, bounds in zip(parts["drift"], parts["gain"], parts["bounds"], strict=True):
             most = [make("abs", one) for one in bounds.outputs]
             ends = list[Node](), list[Node]()
@@ -489,8 +487,8 @@ class VectorField(Remembering):
         return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
-        """Least and greatest velocity on each axis under input j over all v, or a bound, at points: (M, 2, ndim)."""
-        if self.gain is None:
+        """Least and greatest velocity on each axis under input j over all v, or bounds, at points: (M, 2, ndim)."""
+        if self.gain is None:  # by intervals, perhaps wider
             low, high = self.velocity_bounds(j, points, points, (t, t))
             if not (good := np.isfinite(low).all(axis=1)).all():
                 raise ValueError(

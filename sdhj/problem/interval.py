@@ -175,7 +175,7 @@ class Interval(ReadOnly):
         return velocity
 
     def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
-        """States (M, ndim), moved for `duration` s under constant inputs (M,) and v (M, D), clipped at walls."""
+        """States (M, ndim), moved for `duration` s under inputs (M,) and v (M, D); clipped at walls, not wrapped."""
         if self.dynamics.constant:  # exact; else long durations need several calls
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
             return self.grid.clipped(moved)
@@ -202,7 +202,7 @@ class Interval(ReadOnly):
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
-        """A function as one formula, which is faster, kept by `what` and the grid; itself with a black box in it."""
+        """A function as one formula, which is faster, kept by `what` and the grid; itself if there are black boxes."""
         if not self.dynamics.formulas:
             return function
         grid = self.grid
@@ -211,7 +211,7 @@ class Interval(ReadOnly):
         return self.dynamics.remembered(key, lambda: Formula.traced(name, function, coordinates, parameters))
 
     def displacements(self, states: FloatArray) -> FloatArray:
-        """Where every input leads without an adversary, relative to states (M, ndim): (M, L, ndim), M perhaps 1."""
+        """Where every input leads without an adversary, by the midpoint rule, relative to states: (M, L, ndim)."""
         _, _, moved, more = self.displacement_sets(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
@@ -326,6 +326,7 @@ class Interval(ReadOnly):
             nothing = np.zeros((1, self.grid.ndim))
             each = [[dynamics.greatest_along(nothing, j, t, directions) for t in times.tolist()] for j in count]
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
+        # an estimate: delta times the greatest velocity beyond the drift at some instants, added to the midpoint rule
         instants = [begin] if not dynamics.depends_on_time else [begin, begin + self.delta / 2, begin + self.delta]
         (moved, centre), far = self._moves(states, begin), []
         for j in count:
@@ -355,6 +356,7 @@ class Interval(ReadOnly):
             spread = sum((np.abs(half[0]) for half in self._half_segments(states, begin)), np.zeros_like(low))
             low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
+        # an estimate: around the midpoint rule, delta times the greatest deviation by v at some instants
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.depends_on_time else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
@@ -387,7 +389,7 @@ class Interval(ReadOnly):
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s: the mean `extremes` times this."""
+        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s: this long at the mean `extremes`."""
         if self.dynamics.depends_on_time:  # by Gauss's rule, not exact
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
             mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
@@ -397,10 +399,7 @@ class Interval(ReadOnly):
         return low, high
 
     def segments(self, axes: Sequence[int]) -> FloatArray:
-        """gain_d bounds_d along `axes` for each component d of v that moves several of these: (L, K, len(axes)).
-
-        A displacement over tau is that of the box less the segments' share, plus tau times any point of each.
-        """
+        """gain_d bounds_d along `axes` for each component d of v that moves several of these: (L, K, len(axes))."""
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.depends_on_time or dynamics.bounds.depends_on_time)
         if not fixed or not dynamics.couples(own):
@@ -413,6 +412,7 @@ class Interval(ReadOnly):
         for i, axis in enumerate(own):  # what is held at the wall may end elsewhere
             if self._may_leave_at_wall(axis, i, pushes[:, :, oblique]):
                 oblique &= ~some[:, i].any(axis=0)
+        # a displacement over tau is that of the box less the segments' share, plus tau times any point of each
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
     def _may_leave_at_wall(self, axis: int, row: int, pushes: FloatArray) -> bool:
@@ -427,6 +427,7 @@ class Interval(ReadOnly):
     @property
     def walls_needing_boxes(self) -> FloatArray:
         """Coordinates (2, ndim) of walls at which states may end outside segments or planes; -+inf elsewhere."""
+        # there compiled look-ups take a box that holds the segments, or planes, instead
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
             walls = np.where(self.normals.any(axis=0), walls, np.array([[-np.inf], [np.inf]]))
@@ -461,7 +462,7 @@ class Interval(ReadOnly):
 
     @kept
     def speeds(self) -> FloatArray:
-        """The greatest |velocity| along each axis over all nodes, inputs and v, at some instants: (ndim,)."""
+        """The greatest |velocity| along each axis over all nodes, inputs and v, at some instants only: (ndim,)."""
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.depends_on_time else INSTANTS[:1])
         ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
@@ -477,7 +478,8 @@ class Interval(ReadOnly):
         """The velocity set under input j along some axes at time t, by default the begin, on their subgrid.
 
         Coordinates left out that matter are taken at all their nodes (App. A.4): each combination is a mode, and H the
-        maximum over modes. Without `drift` in a frame that moves with it, where velocities do not depend on the state.
+        maximum over modes. drift=False, for a frame that moves with the drift, counts where velocities do not depend on
+        the state.
         """
         dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
@@ -499,7 +501,7 @@ class Interval(ReadOnly):
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """These axes and those that their velocities read, ascending, and the positions of the latter there."""
+        """These axes and those that their velocities read, ascending, and where the latter stand among them."""
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 

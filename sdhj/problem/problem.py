@@ -276,10 +276,7 @@ class ReachAvoidProblem(Remembering):
 
     @kept
     def error_growth(self) -> FloatArray:
-        """w(h) - E, (ndim,), dw/dt = A w + b + jumps, w(0) = E: what the error of a point gains in the longest hold h.
-
-        A state within E of a point is then within E + this of where that is led under the same input undisturbed.
-        """
+        """w(h) - E, (ndim,), dw/dt = A w + b + jumps, w(0) = E: what a point's error gains over the longest hold h."""
         slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
             slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay
@@ -355,7 +352,7 @@ class ReachAvoidProblem(Remembering):
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
-        for unsafe_set in self.unsafe:  # equal times are evaluated together
+        for unsafe_set in self.unsafe:  # equal times are evaluated together; where no set counts it stays +inf
             counts = unsafe_set.counts(inputs)
             for begin, end in (pairwise(firsts) if unsafe_set.moving else [(0, len(times))]) if counts.any() else ():
                 at = wrapped[:, begin:end].take(unsafe_set.axes, axis=2).reshape(-1, len(unsafe_set.axes))

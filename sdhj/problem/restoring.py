@@ -69,7 +69,7 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
         expected[name.replace("unsafe", "swept")] = len(entry["axes"]), 2, ()
         expected[name] = len(entry["axes"]), 1, ()
     found = {}
-    for name in expected.keys() & functions.keys():
+    for name in expected.keys() & functions.keys():  # others are of no part of the problem
         coordinates, parameters, shape = expected[name]
         found[name] = one = restored(functions[name]["lines"], tables, coordinates, parameters, shape, name)
         if len(one.outputs) != math.prod(one.shape):

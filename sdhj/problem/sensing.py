@@ -123,5 +123,5 @@ class Sensing:
         return {name: value for name, value in vars(self).items() if name != "memory" or value} if self else {}
 
     def hold(self, delta: float) -> tuple[float, float]:
-        """The longest time for which an input may be held, and by how much it may be shorter, s."""
+        """The longest time for which an input may be held, and by how much that may be shorter, s."""
         return delta + 2 * self.jitter, 4 * self.jitter

@@ -70,6 +70,7 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
         bounds = rebuilt(dynamics.functions_by_input["bounds"][j].outputs, known.get)
         v = [bound * leaf("x", ndim + 1 + d) for d, bound in enumerate(bounds)]
         known |= {leaf("p", 1 + d): one for d, one in enumerate(v)}
+        # black boxes count as 0
         rows = {name: each[j] for name, each in dynamics.functions_by_input.items() if isinstance(each[j], Formula)}
         parts = {name: rebuilt(row.outputs, known.get) for name, row in rows.items()}
         drift, gain = parts.get("drift", [constant(0.0)] * ndim), parts.get("gain", [constant(0.0)] * ndim * D)
@@ -121,7 +122,7 @@ def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[Fl
 
 
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
-    """Whether a velocity with v = 0 has other values at the lower than at the upper end of a periodic axis."""
+    """Whether a velocity has other values at the lower than at the upper end of a periodic axis, beyond `SAME`."""
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
         if sides[0] is sides[1]:

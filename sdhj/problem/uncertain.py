@@ -24,12 +24,9 @@ def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequen
 
 
 def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray:
-    """Level-set function, (*shape), of where an interval must lead for the controller's point to be in a set.
-
-    Without memory that point is a prediction, within E of the state; with memory it is the one that is carried on, and
-    problem.half_widths[1] stands for E.
-    """
-    grown = problem.half_widths[1]  # of the box around the point that is carried on
+    """Level-set function, (*shape), of where an interval must lead for the controller's point to be in a set."""
+    # with memory that point is carried on, and this stands for E; else it is a prediction, within E of the state
+    grown = problem.half_widths[1]
     if not problem.sensing.remembers:
         return eroded_by_error(problem, values)
     if not grown.any():
@@ -51,5 +48,6 @@ def largest_in_error_box(problem: ReachAvoidProblem, values: FloatArray, points:
         columns.append(np.concatenate(between, axis=1) if width else x)
     places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
     found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
+    # the point itself, too, which may lie off the grid
     around = np.concatenate([points[:, None], grid.clipped(found)], axis=1)
     return grid.interpolate(values, around.reshape(-1, grid.ndim)).reshape(around.shape[:2]).max(axis=1)

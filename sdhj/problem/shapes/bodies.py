@@ -219,7 +219,7 @@ Footprint = Any  # vertices, a Body, or several
 
 
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
-    """The bodies of a robot from what a user gives as its footprint; ValueError where one has no pose and no axes."""
+    """The bodies that a user gives as a footprint; ValueError where one without a pose has not three axes."""
     if given is None:
         return [POINT]
     bodies = [given] if isinstance(given, Body) else list(given)
