@@ -96,7 +96,7 @@ def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begi
 
 @lru_cache(maxsize=64)
 def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[AxisMaxima, ...]], ...]:
-    """For each run of successive boxes, its first and the `AxisMaxima` of each axis, where boxes that agree share work."""
+    """For each run of successive boxes, its first and the `AxisMaxima` of each axis; boxes that agree share work."""
     spans = np.frombuffer(corners).reshape(count, -1, 2)  # bytes can be remembered by, arrays cannot
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
     # the axes with the fewest different intervals go first
@@ -128,7 +128,7 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` over boxes [x + low_j, x + high_j], low (L, ndim), at nodes x, for some j at a time."""
+    """Yield the maxima of `values` over boxes [x + low_j, x + high_j] at nodes x, low (L, ndim), some j at a time."""
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         done = {axis_maxima.axis for axis_maxima in axes_maxima}
