@@ -51,9 +51,9 @@ POWERS = range(-40, 41)  # of two, in which decimals are looked for
 def as_fraction(value: float) -> Fraction:
     """The decimal that `value` is written as, as a fraction: 0.3 is three tenths.
 
-    Of all decimals times a power of two that round to this float, it is the one of fewest digits. So a number that was
-    scaled by a power of two is read as the scaled decimal: 0.3 / 1024 is three tenths over 1024. Where even that one
-    has more than `EXACT_DIGITS` digits, it is the float itself.
+    Of all decimals times a power of two that round to this float, it is the one of fewest digits, so 0.3 / 1024 is
+    three tenths over 1024; where even that has more than `EXACT_DIGITS` digits, it is the float itself. The checker
+    reads numbers so, too, and refuses what is read otherwise.
     """
     return _decimal(float(value), "", EXACT_DIGITS) or Fraction(value)
 

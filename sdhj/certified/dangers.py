@@ -66,7 +66,10 @@ def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
 
 
 def kept_together(dangers: Sequence[Dangers]) -> tuple[Dangers, ...]:
-    """Dangers whose bits are kept as one: those of fewer axes with those of more, where that takes no more memory."""
+    """Dangers whose bits are kept as one: those of fewer axes with those of more, where that takes no more memory.
+
+    Files have them in this order, and are refused with another.
+    """
     out = list[Dangers]()
     for one in sorted(dangers, key=lambda one: (-len(one.axes), not one.moving)):
         for at, more in enumerate(out):

@@ -73,21 +73,16 @@ def lattice_of(
     """A lattice of boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
     A box is a cell, or one of up to `PIECES_OF_A_CELL` equal parts along each axis; layers have none. There is one
-    array of sums for each interval of time; where there are several, one more for all of them together, the last. Along
-    a periodic axis boxes are counted twice, for two laps.
-
-    bounds : on the problem's level-set functions. unsafe_set : the set.
-    axes : the cells of all axes.
-    times : (from, to), s: the intervals of time, in each of which the set is bounded; at least one.
-    steps : for how many steps there will be such a lattice; they share memory, so boxes are the coarser.
-    sway (ndim,) : how far most tubes stick out of their cells to both sides. Along an axis where that is less than a
-        box, boxes are wider by it when the set is bounded, and tubes are looked up without it.
-    most : about how many boxes there are at most, at all times and for all steps together; a cell is at least one.
+    array of sums for each interval of `times`; where there are several, one more for all of them together, the last.
+    Along a periodic axis boxes are counted twice, for two laps. There are about `most` boxes at most, at all times and
+    for all `steps`.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
     boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
     fine = min(max(int(boxes ** (1 / len(unsafe_set.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
+    # where most tubes stick out of their cells by less than a box, boxes are wider by it when the set is bounded, and
+    # tubes are looked up without it
     sway = np.where(sway[list(unsafe_set.axes)] < pitch, sway[list(unsafe_set.axes)], 0.0)
     scale = np.array([axes[axis].scale for axis in unsafe_set.axes])
     wider = sway + MARGIN_OF_BOXES * scale
@@ -132,8 +127,6 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
     """Into how many pieces a part of an interval is cut, at most: from 1 to `FINEST`, not rounded.
 
     As many as need about `EVALUATED` boxes for the velocity; 1 of constant dynamics, which need no more.
-
-    parts : into which an interval is cut. moves : the shape (starts, L, places, ndim) of moves.
     """
     if problem.dynamics.constant:
         return 1.0
@@ -141,10 +134,7 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
 
 
 def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int]) -> int:
-    """The bytes that a solve by a general proof takes at most, without the sets that it finds; an estimate from above.
-
-    axes : the cells of each axis. parts : into which an interval is cut. moves : the shape of moves (`moves_of`).
-    """
+    """The bytes that a solve by a general proof takes at most, without the sets that it finds; an estimate."""
     own = place_axes(problem, axes)
     tested = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
@@ -161,23 +151,20 @@ def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: in
 
 
 class _Asked(NamedTuple):
-    """What tubes are tested by, of the cells of some axes alone: those of `dangers`.
-
-    layout : the cells in memory, without lines. place (places,) : at which of these cells' places a place is, -1 for
-    one that differs from another on other axes only. bits (starts, cells, bytes) uint8 : as `GeneralProof.clear`.
-    """
+    """What tubes are tested by, of the cells of some axes alone: those of `dangers`."""
 
     dangers: Dangers
-    layout: Placed
+    layout: Placed  # the cells in memory, without lines
+    # (places,), at which of these cells' places a place is; -1 for one that differs on other axes only
     place: FloatArray
-    bits: FloatArray
+    bits: FloatArray  # (starts, cells, bytes) uint8, as `GeneralProof.clear`
 
 
 @dataclass(frozen=True)
 class GeneralProof(Images):
     """The images and tubes of a robot's cells over one interval, for the recursion and for questions about states.
 
-    Made by `of` and filled by `prepare`, or read by `load`. For the arrays of moves see `Images`.
+    Made by `of` and filled by `prepare`, or read by `load`.
 
     Attributes
     ----------
@@ -198,11 +185,7 @@ class GeneralProof(Images):
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
-        """A proof with arrays of the right size, which `prepare` fills.
-
-        axes : the cells of each axis. parts : into which an interval is cut. MemoryError where a solve would take too
-        much memory (the function `peak_bytes`).
-        """
+        """A proof with arrays of the right size, which `prepare` fills; MemoryError where a solve takes too much."""
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
         require_memory(peak_bytes(problem, axes, parts, moves), f"certifying {size:.1e} cells", "use fewer cells")
@@ -240,7 +223,7 @@ class GeneralProof(Images):
         return out
 
     def clear_at(self, step: int) -> Clear:
-        """Where the bits of clear inputs are in an interval from a step, as arrays for compiled code, `Clear`."""
+        """Where the bits of clear inputs are in an interval from a step, as arrays for compiled code."""
         begin, strides, total = list[int](), list[FloatArray](), 0
         for one in self.dangers:
             shape, counts = one.shape(self.problem, self.axes), self.counts_of(one)
@@ -272,13 +255,11 @@ class GeneralProof(Images):
         An input is certified if it stays clear and leads all of the cell into the set with steps_left[m] - 1 steps to
         go, or into the target itself.
 
-        steps_left (M,) : the steps to go; 0: no input is certified.
-        step : when the interval begins; not used where neither the dynamics nor an unsafe set depend on time.
+        steps_left : (M,), the steps to go; 0: no input is certified.
         sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
         among : (M, L) bool, the inputs that are asked about; False for all others.
-        lines : whether the cells come in lines along the axis `along`, which takes less time; not used where there is
-            no such axis.
+        lines : whether the cells come in lines along the axis `along`, which takes less time.
         """
         out, clear = among.copy(), self.clear_at(step)
         if len(sets) and lines and self.along >= 0:
@@ -297,11 +278,8 @@ class GeneralProof(Images):
 
     @property
     def entry_in_head(self) -> dict[str, Any]:
-        """The proof's part of a file's head, which `load` is handed again: values that JSON can hold.
-
-        "parts", "own": for each axis whether it is one of a place, "unsure": E, "clear": the axes, sets and ends of
-        each part of the array; "arrives": True where there are arrivals.
-        """
+        """The proof's part of a file's head, which `load` is handed again: values that JSON can hold."""
+        # which axes are those of a place, and E
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         told["clear"] = [one.entry_in_head for one in self.dangers]
         return told | ({"arrives": True} if len(self.arrives) else {})
@@ -318,9 +296,8 @@ class GeneralProof(Images):
     ) -> "GeneralProof":
         """The proof whose arrays are in an open file; its arrays are read-only.
 
-        stated : what `GeneralProof.entry_in_head` was; its "unsure" is not read. axes : the cells of each axis.
-        ValueError where what is stated, or the shape or the type of an array, does not fit the problem and its cells;
-        the bits of the arrays are not checked.
+        ValueError where what is stated, an `entry_in_head`, or the shape or the type of an array, does not fit the
+        problem and its cells; the bits of the arrays are not checked, nor is "unsure" read.
         """
         if unknown := stated.keys() - {"parts", "own", "unsure", "clear", "arrives"}:
             raise ValueError(
@@ -361,9 +338,8 @@ class GeneralProof(Images):
         return out
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill moves, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.
+        """Fill moves, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs; once.
 
-        To be called once: the arrays cannot be filled again. progress : whether to show bars, as for `sdhj.solve`.
         ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
         arrivals, tested, every = Arrivals(self), self.sets_tested_in_words, self._asked()
@@ -371,11 +347,6 @@ class GeneralProof(Images):
         tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Keep what the recursion needs of the places `some` (M,), consecutive numbers, under u_j.
-
-            start : the index of the interval. tubes (M, parts, ndim, 2), last (M, ndim, 2) : how far the ends of cells
-            move in each part and up to the interval's end (`Images.swept`).
-            """
             mark(start, j, some, tubes)
             arrivals.add(start, j, some, last)
             if tested:
@@ -391,10 +362,7 @@ class GeneralProof(Images):
 
     @cached_property
     def sets_tested_in_words(self) -> tuple[UnsafeSet, ...]:
-        """The unsafe sets that tubes are tested against for 64 cells at a time (`sdhj.certified.word_tubes.in_words`).
-
-        None if there are more than `TUBES_AT_HAND` tubes, which have to be kept for it.
-        """
+        """The unsafe sets that tubes are tested against for 64 cells at a time (`word_tubes.in_words`)."""
         few = math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
         depends = self.strides > 0
         return tuple(
@@ -413,8 +381,7 @@ class GeneralProof(Images):
     def _mark_in_words(self, asked: _Asked, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
         """Clear in `asked.bits` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
 
-        unsafe_set : one of `sets_tested_in_words`, on d axes.
-        tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along its axes.
+        tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along the set's axes.
         """
         own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
         axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
@@ -438,11 +405,8 @@ class GeneralProof(Images):
     ) -> FloatArray:
         """From which cells of a set's axes the tubes of one place may meet it: bits, (L, n1, ..., W) uint64.
 
-        No bit is set for an input under which the set does not count.
-
-        each : the boxes that may meet the set (`boxes_in_words`), for each part of the interval, or once for all parts.
-        lattice : whose boxes these are. first, last (L * parts, d) : the windows of the place's tubes (`windows`), by
-        input and then by part.
+        `each` has the boxes of the lattice that may meet the set for each part of the interval, or once for all;
+        `first` and `last` (L * parts, d) are the windows of the place's tubes, by input and then by part.
         """
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
@@ -464,12 +428,8 @@ class GeneralProof(Images):
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
-        Sets in `sets_tested_in_words` are left out.
-
-        lattices : by the number of an unsafe set one lattice for each step, or a single one if the set stands still
-            (`_lattices`).
-        start : the index of the interval in `low` and `high`.
-        some (M,) : places, consecutive numbers. tubes (M, parts, ndim, 2) : their tubes (`Images.swept`).
+        Not of `sets_tested_in_words`. `some` (M,) are consecutive places with `tubes` (M, parts, ndim, 2), `lattices`
+        those of `_lattices`.
         """
         for asked in every:
             rows = np.flatnonzero(asked.place[some] >= 0)
@@ -487,13 +447,7 @@ class GeneralProof(Images):
         places: tuple[int, int],
         tubes: FloatArray,
     ) -> None:
-        """Clear the bit of u_j in `asked.bits`, in place, for all steps with these moves.
-
-        Sets that stand still are tested once for all of them, and sets that do not count under u_j are left out.
-
-        lattices, start : as for `_mark_collisions`. places : (begin, end), as `asked.layout` numbers them. tubes : of
-        these places.
-        """
+        """Clear the bit of u_j in `asked.bits`, in place, for all steps with these moves; it numbers the places."""
         dangers, bit = asked.dangers, np.uint8(1 << j % 8)
         still = np.full(asked.bits.shape[1], 255, np.uint8)
         if dangers.ends:
@@ -502,7 +456,6 @@ class GeneralProof(Images):
         own = [number for number in dangers.sets if number in lattices and self.problem.unsafe[number].counts(j)]
 
         def mark(clear: FloatArray, lattice: Boxes) -> None:
-            """Clear the bit in `clear` (cells,) uint8, in place, for cells whose tube may meet the set of a lattice."""
             together = TOGETHER if clear.size > CELLS_IN_CACHE else 1
             layout = self._in_lines(asked.layout, lattice.axes.tolist())
             mark_collisions(clear, tubes, places, lattice, bit, layout, together)
@@ -534,8 +487,7 @@ class GeneralProof(Images):
     def _sway(self) -> FloatArray:
         """About how far the disturbance and errors move a state to each side in an interval, (ndim,).
 
-        In the middle of the grid, at the first time, under the input for which it is most: boxes are made by it, and no
-        proof rests on it.
+        In the middle of the grid, under the input for which it is most: boxes are made by it, and no proof rests on it.
         """
         grid, sensing = self.problem.grid, self.problem.sensing
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
@@ -558,10 +510,7 @@ class GeneralProof(Images):
         return out
 
     def _lattices(self, progress: bool | None) -> dict[int, list[Boxes]]:
-        """The lattices (`lattice_of`) of each unsafe set, by its number: one for each step, or one if it stands still.
-
-        None of sets that are tested in words. progress : whether to show a bar, as for `sdhj.solve`.
-        """
+        """The lattices (`lattice_of`) of each unsafe set, by its number: one for each step, or one of all steps."""
         made, out = partial(lattice_of, self.bounds, self.axes), dict[int, list[Boxes]]()
         each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
         for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
@@ -573,8 +522,7 @@ class GeneralProof(Images):
         """S_k^0 for k = step, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
 
         Each cell is widened by the shell and by E, all that a prediction in it may stand for, and has to be so at all
-        times that t_k may be, given the jitter. If nothing depends on time, `step` is not used. Without a target all
-        cells outside the unsafe sets. Sets that are unsafe under some inputs only do not count.
+        times that t_k may be, given the jitter. Sets that are unsafe under some inputs only do not count.
         """
         problem, t = self.problem, self.problem.time(step)
         times = self._all_times if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
@@ -589,15 +537,11 @@ class GeneralProof(Images):
 
     @kept
     def _clear_of_still(self) -> FloatArray:
-        """Which cells are outside the unsafe sets that stand still: bool (*counts), as `clear_of`; computed once."""
+        """Which cells are outside the unsafe sets that stand still: bool (*counts), as `clear_of`."""
         return self.clear_of(False, self._all_times, np.ones([axis.count for axis in self.axes], np.bool_))
 
     def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Which cells are outside the unsafe sets that move, or that stand still, at all `times`, s: bool (*counts).
-
-        moving : which of these sets. asked (*counts) bool : the cells that are asked about; False for all others. Sets
-            that are unsafe under some inputs only do not count.
-        """
+        """Which cells that are `asked` about are outside the unsafe sets that move, or stand still, at all `times`."""
         out = asked.copy()
         for part in self.problem.unsafe:
             if part.moving == moving and part.inputs is None:
@@ -607,23 +551,14 @@ class GeneralProof(Images):
         return out
 
     def add(self, prepared: Packing, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
+        """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place, by `following`, S_{k+1}^{n-1}: (rows, W) uint64.
 
-        Adds the cells that a clear input takes into `following`; without a target, keeps only such cells.
-
-        prepared : the `Packing` that `prepare` returned.
-        following : S_{k+1}^{n-1}.
-        changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
-            may be there are asked about. None: all are.
+        `changed` are the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; None: any may.
         """
         prepared.add(cells, following, step, changed)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.
-
-        cells (rows, W) uint64 : packed along the last axis. Nothing is added where `arrives` is (0, 0, 0). step : not
-        used where neither the dynamics, the target nor an unsafe set depend on time.
-        """
+        """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself."""
         if len(self.arrives):
             arrives = self.arrives[min(step, len(self.arrives) - 1)]
             add_marked(cells, self.clear_at(step), arrives, self.sites, self.cells.counts)

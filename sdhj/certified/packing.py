@@ -168,9 +168,8 @@ class Packing:
 
 
 def in_words(bits: FloatArray, count: int, inputs: int) -> FloatArray:
-    """Bits (cells, bytes) uint8 by input, in words of a row: (inputs, rows, W) uint64, all ones or zeros for 1 cell.
-
-    count : of cells of a row.
+    """Bits (cells, bytes) uint8 by input, in words of rows of `count` cells: (inputs, rows, W) uint64, all ones or
+    zeros for 1.
     """
     each = ((bits[:, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(-1, count) for j in range(inputs))
     return np.stack([to_words(own) if count > 1 else own * FULL for own in each])
