@@ -26,7 +26,7 @@ from sdhj.certified.table import CellSets
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "intervals": [(Images, "tubes_of_places")],
-    "unsafe sets": [(GeneralProof, name) for name in ("_mark_collisions", "_lattices", "_mark_in_words")],
+    "unsafe sets": [(GeneralProof, name) for name in ("_mark_collisions", "_boxes_of_sets", "_mark_in_words")],
     "arrivals": [(Arrivals, "add")],
     "recursion": [(CellSets, "extend"), (CellSets, "write_goal"), (CellSets, "finish")],
 }

@@ -61,7 +61,7 @@ NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick ou
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding, some 1e-15
 
 
-def lattice_of(
+def counted_boxes(
     bounds: Bounds,
     axes: Sequence[CellAxis],
     unsafe_set: UnsafeSet,
@@ -70,7 +70,7 @@ def lattice_of(
     sway: FloatArray,
     most: int = BOXES_OF_A_SET,
 ) -> Boxes:
-    """A lattice of boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
+    """Boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
     A box is a cell, or one of up to `PIECES_OF_A_CELL` equal parts along each axis; layers have none. There is one
     array of sums for each interval of `times`; where there are several, one more for all of them together, the last.
@@ -343,7 +343,7 @@ class GeneralProof(Images):
         ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
         arrivals, tested, every = Arrivals(self), self.sets_tested_in_words, self._asked()
-        mark = partial(self._mark_collisions, every, self._lattices(progress))
+        mark = partial(self._mark_collisions, every, self._boxes_of_sets(progress))
         tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
@@ -420,7 +420,7 @@ class GeneralProof(Images):
     def _mark_collisions(
         self,
         every: Sequence[_Asked],
-        lattices: Mapping[int, list[Boxes]],
+        counted: Mapping[int, list[Boxes]],
         start: int,
         j: int,
         some: FloatArray,
@@ -428,20 +428,20 @@ class GeneralProof(Images):
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
-        Not of `sets_tested_in_words`. `some` (M,) are consecutive places with `tubes` (M, parts, ndim, 2), `lattices`
-        those of `_lattices`.
+        Not of `sets_tested_in_words`. `some` (M,) are consecutive places with `tubes` (M, parts, ndim, 2), `counted`
+        those of `_boxes_of_sets`.
         """
         for asked in every:
             rows = np.flatnonzero(asked.place[some] >= 0)
             if rows.size:
                 first = int(asked.place[some[rows[0]]])
                 own = tubes if rows.size == some.size else np.ascontiguousarray(tubes[rows])
-                self._mark_where_met(asked, lattices, start, j, (first, first + rows.size), own)
+                self._mark_where_met(asked, counted, start, j, (first, first + rows.size), own)
 
     def _mark_where_met(
         self,
         asked: _Asked,
-        lattices: Mapping[int, list[Boxes]],
+        counted: Mapping[int, list[Boxes]],
         start: int,
         j: int,
         places: tuple[int, int],
@@ -453,19 +453,19 @@ class GeneralProof(Images):
         if dangers.ends:
             layout = self._in_lines(asked.layout, dangers.ends)
             mark_exits(still, tubes, places, self._faces(dangers.ends), bit, layout)
-        own = [number for number in dangers.sets if number in lattices and self.problem.unsafe[number].counts(j)]
+        own = [number for number in dangers.sets if number in counted and self.problem.unsafe[number].counts(j)]
 
-        def mark(clear: FloatArray, lattice: Boxes) -> None:
+        def mark(clear: FloatArray, boxes: Boxes) -> None:
             together = TOGETHER if clear.size > CELLS_IN_CACHE else 1
-            layout = self._in_lines(asked.layout, lattice.axes.tolist())
-            mark_collisions(clear, tubes, places, lattice, bit, layout, together)
+            layout = self._in_lines(asked.layout, boxes.axes.tolist())
+            mark_collisions(clear, tubes, places, boxes, bit, layout, together)
 
-        for lattice in (lattices[number][0] for number in own if len(lattices[number]) == 1):
-            mark(still, lattice)
+        for boxes in (counted[number][0] for number in own if len(counted[number]) == 1):
+            mark(still, boxes)
         for step in range(len(asked.bits)) if len(self.low) == 1 else (start,):
             clear = asked.bits[step, :, j // 8] & still
-            for number in (number for number in own if len(lattices[number]) > 1):
-                mark(clear, lattices[number][step])
+            for number in (number for number in own if len(counted[number]) > 1):
+                mark(clear, counted[number][step])
             asked.bits[step, :, j // 8] = clear
 
     def _faces(self, ends: Sequence[int]) -> FloatArray:
@@ -509,9 +509,9 @@ class GeneralProof(Images):
             out.append([(t0 - late, t1 + late) for t0, t1 in cuts])
         return out
 
-    def _lattices(self, progress: bool | None) -> dict[int, list[Boxes]]:
-        """The lattices (`lattice_of`) of each unsafe set, by its number: one for each step, or one of all steps."""
-        made, out = partial(lattice_of, self.bounds, self.axes), dict[int, list[Boxes]]()
+    def _boxes_of_sets(self, progress: bool | None) -> dict[int, list[Boxes]]:
+        """The `counted_boxes` of each unsafe set, by its number: one for each step, or one of all steps."""
+        made, out = partial(counted_boxes, self.bounds, self.axes), dict[int, list[Boxes]]()
         each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
         for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
             spans = self._spans(part)

@@ -105,7 +105,7 @@ class Packing:
         for kind, (one, bits) in enumerate(zip(proof.dangers, proof.bits_of_clear, strict=True)):
             start, counts = min(step, len(bits) - 1), proof.counts_of(one)
             if (kind, start) not in self.words:
-                self.words[kind, start] = in_words(bits[start], int(counts[-1]), len(proof.problem.inputs))
+                self.words[kind, start] = words_by_input(bits[start], int(counts[-1]), len(proof.problem.inputs))
             words = kept[kind, start] = self.words[kind, start]
             rows = np.cumprod([1, *counts[-2:0:-1].tolist()])[::-1] * (counts[:-1] > 1) * words.shape[2]
             each.append((words.ravel(), words[0].size, [*rows[: len(counts) - 1], int(counts[-1] > 1)]))
@@ -167,10 +167,8 @@ class Packing:
         return out
 
 
-def in_words(bits: FloatArray, count: int, inputs: int) -> FloatArray:
-    """Bits (cells, bytes) uint8 by input, in words of rows of `count` cells: (inputs, rows, W) uint64, all ones or
-    zeros for 1.
-    """
+def words_by_input(bits: FloatArray, count: int, inputs: int) -> FloatArray:
+    """Bits (cells, bytes) uint8 in words of rows of `count` cells: (inputs, rows, W) uint64, of 1 cell 0 or all ones."""
     each = ((bits[:, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(-1, count) for j in range(inputs))
     return np.stack([to_words(own) if count > 1 else own * FULL for own in each])
 

@@ -14,7 +14,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.check import verify
-from sdhj.certified.general_proof import GeneralProof, lattice_of
+from sdhj.certified.general_proof import GeneralProof, counted_boxes
 from sdhj.kernels.packed import Cells, to_words
 from sdhj.kernels.pieces import move_on
 from sdhj.kernels.stencils import box_of_image, rows_inside
@@ -246,8 +246,8 @@ def test_bounds_of_a_lattice_hold_in_its_boxes(share, rng):
     problem = torus_problem()
     proof, disk = proof_of(problem, (40, 30), parts=2), problem.unsafe[0]
     times = [(0.2, 0.3), (0.3, 0.4)]
-    pitch = lattice_of(proof.bounds, proof.axes, disk, times, problem.steps, np.zeros(2)).pitch
-    lattice = lattice_of(proof.bounds, proof.axes, disk, times, problem.steps, share * pitch)
+    pitch = counted_boxes(proof.bounds, proof.axes, disk, times, problem.steps, np.zeros(2)).pitch
+    lattice = counted_boxes(proof.bounds, proof.axes, disk, times, problem.steps, share * pitch)
     sway, seen = share * pitch if share < 1 else 0.0 * pitch, 0
     np.testing.assert_allclose(lattice.narrow, sway, atol=2e-10 * np.pi)
     for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):

@@ -11,7 +11,7 @@ import sdhj
 from sdhj.certified import word_tubes
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packing import in_words
+from sdhj.certified.packing import words_by_input
 from sdhj.certified.word_tubes import Lattice, far_beyond, united, windows, with_margins
 from sdhj.kernels import read_only
 from sdhj.kernels.packed import to_bits, to_words
@@ -102,7 +102,7 @@ def test_cells_are_led_by_inputs_that_are_clear(rng):
     clear, inputs = rng.integers(0, 256, (213, 2)).astype(np.uint8), np.array([1, 10])
     clear[210:] |= rng.integers(0, 256, (3, 2)).astype(np.uint8)  # of rows alone
     led = to_words(before)
-    words = np.concatenate([in_words(clear[:210], 70, 16).ravel(), in_words(clear[210:], 1, 16).ravel()])
+    words = np.concatenate([words_by_input(clear[:210], 70, 16).ravel(), words_by_input(clear[210:], 1, 16).ravel()])
     kinds = ClearWords(*read_only((words, np.array([0, 96]), np.array([6, 3]), np.array([[2, 1], [1, 0]]))))
     add_predecessors(to_words(missing), kinds, inputs, to_words(wanted), led, np.array([3, 70]))
     clear = clear[:210].reshape(3, 70, 2) & clear[210:, None]
