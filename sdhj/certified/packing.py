@@ -168,7 +168,7 @@ class Packing:
 
 
 def words_by_input(bits: FloatArray, count: int, inputs: int) -> FloatArray:
-    """Bits (cells, bytes) uint8 in words of rows of `count` cells: (inputs, rows, W) uint64, of 1 cell 0 or all ones."""
+    """Bits (cells, bytes) uint8 in words of rows of `count` cells: (inputs, rows, W) uint64; 0 or all ones for 1."""
     each = ((bits[:, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(-1, count) for j in range(inputs))
     return np.stack([to_words(own) if count > 1 else own * FULL for own in each])
 
