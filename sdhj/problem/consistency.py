@@ -27,7 +27,7 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 def compared_states(grid: Grid) -> FloatArray:
     """States (`COMPARED_STATES`, ndim) at which functions are compared with their formulas, the same on equal grids."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(0)  # a problem is refused or not, whenever it is made
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):  # a tenth has coordinates of nodes, ends or zeros, where formulas may branch
         inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []

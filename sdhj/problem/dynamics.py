@@ -364,6 +364,7 @@ class VectorField(Remembering):
         if self.constant:
             pushed = np.abs(self.arrays[1]) * self.arrays[2]
             moved = (pushed > 1e-12 * pushed.max(initial=0.0))[None]
+        # in this order `Interval.displacement_sets` has their segments
         return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":

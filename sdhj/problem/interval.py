@@ -72,7 +72,7 @@ class Velocities(ReadOnly):
         speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
         rate = np.max(sum(along / spacing for along, spacing in zip(speed, grid.spacing, strict=True)))
-        count = duration * float(rate) / cfl * (1 - 1e-9)
+        count = duration * float(rate) / cfl * (1 - 1e-9)  # a whole number stays one after rounding
         if count > MOST_STEPS:
             what = f"time steps for each PDE, at cfl {cfl:g}"
             raise too_fast_error(grid, np.array([along.max() for along in speed]), duration, count, what)
@@ -260,6 +260,7 @@ class Interval(ReadOnly):
         `VectorField.oblique` adds to the box; or, in C order, the greatest n . x at the end for each of the `normals`
         n, and zeros behind them.
         """
+        # `sdhj.kernels.tubes` reads all of it by these places
         if self.dynamics.stateless:
             return self._constant_displacement_sets.copy()  # compiled look-ups take it in place of what they write
         found = (self.displacement_formula or self._displacement_sets)(states, self.begin)

@@ -80,7 +80,7 @@ def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], Floa
                 "between two nodes the set ends. Give a distance that is negative inside (without np.maximum(..., 0); "
                 "sdhj.UnsafeSet.from_map, polygon, box, disk), or sampling='cell', which enlarges the set by a cell"
             )
-    return np.where(values == 0.0, -ON_BOUNDARY * size, values)
+    return np.where(values == 0.0, -ON_BOUNDARY * size, values)  # or nodes on the boundary would count as clear
 
 
 def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:

@@ -345,7 +345,7 @@ class UnsafeSet:
         if view_time == "swept" and self.swept is not None:
             return self.swept(points, t0, t1)
         times = np.linspace(t0, t1, SUBSAMPLES).tolist()
-        if view_time == "swept":  # a lower bound over each piece of the time
+        if view_time == "swept":  # a lower bound over each piece of the time, so that the set contains this one
             pieces = pairwise(times) if t1 > t0 else [(t0, t1)]
             return reduce(np.minimum, [self.level_set.least(points, piece) for piece in pieces])
         return reduce(np.minimum, [self.level_set(points, t) for t in times])  # the union of the sets at these times

@@ -92,7 +92,8 @@ def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| over the box [low, high], at most `SETTLED_WITHIN` times a value where that is found."""
+    """An upper bound on |node| over the box [low, high], if found soon within `SETTLED_WITHIN` of a value taken."""
+    # A bound that is too high only makes error boxes larger, one that is too low breaks what they promise.
     if one.op == "const":
         return abs(float(one.value))
     formula = Formula((one,), len(low))
