@@ -100,6 +100,7 @@ def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[Flo
 
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
     """Whether the sum of segments -+pushes[:, k], (axes, K), is its own mirror image about an axis, up to 1e-9."""
+    # so it is if along each direction there is as much length as along the mirrored one
     mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
     lengths = np.sqrt((pushes**2).sum(axis=0))
     same = np.abs(np.abs(pushes.T @ np.hstack([pushes, mirrored])) - np.outer(lengths, np.tile(lengths, 2)))
@@ -130,7 +131,7 @@ class Interval(ReadOnly):
     begin: float  # when it begins, s
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
-    wider: FloatArray | float = 0.0  # by how much boxes of `displacement_sets` are widened to each side: (ndim,), or 0
+    widening: FloatArray | float = 0.0  # of boxes of `displacement_sets`, to each side: (ndim,), or 0
 
     @property
     def end(self) -> float:
@@ -187,6 +188,7 @@ class Interval(ReadOnly):
 
     def _runge_kutta(self, j: int, states_and_v: Any, t: Any, duration: Any) -> Any:
         """One Runge-Kutta step of order 4 under input j from states and v side by side, (M, ndim + D): (M, ndim)."""
+        # one array, as formulas take it
         states, v = states_and_v[:, : self.grid.ndim], states_and_v[:, self.grid.ndim :]
 
         def velocity(q: Any, now: Any) -> Any:
@@ -206,7 +208,7 @@ class Interval(ReadOnly):
         if not self.dynamics.formulas:
             return function
         grid = self.grid
-        # the dynamics keep it, for all intervals that differ in their begin alone
+        # The dynamics keep it, for all intervals that differ in their begin alone: what else it hangs on is in the key.
         key, name = (*what, grid.lower, grid.upper, grid.periodic, grid.ends), "where the state moves to"
         return self.dynamics.remembered(key, lambda: Formula.traced(name, function, coordinates, parameters))
 
@@ -215,7 +217,7 @@ class Interval(ReadOnly):
         _, _, moved, more = self.displacement_sets(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
-    def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
+    def _displacements_by_two_rules(self, states: Any, begin: Any) -> tuple[Any, Any]:
         """Displacements without an adversary, by Euler's and by the midpoint rule, also traced: (M, L, ndim) each."""
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
@@ -254,7 +256,7 @@ class Interval(ReadOnly):
     def displacement_sets(self, states: FloatArray) -> FloatArray:
         """Where each input leads at the interval's end, relative to states (M, ndim): (4 + K, L, ndim, M), M perhaps 1.
 
-        [0], [1] : corners of a box, widened by `wider`; exact where velocities do not depend on the state, but larger
+        [0], [1] : corners of a box, `widening` included; exact where velocities do not depend on the state, but larger
         where v is cut, else estimates. [2], [3] : a and b of the path without an adversary, x + s a + s^2 b, 0 <= s <=
         1; exact for a constant drift, else to second order. [4:] : half of the segment that each component in
         `VectorField.oblique` adds to the box; or, in C order, the greatest n . x at the end for each of the `normals`
@@ -279,7 +281,7 @@ class Interval(ReadOnly):
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
-        what = "displacement_sets", self.delta, self.early, *np.ravel(self.wider).tolist()
+        what = "displacement_sets", self.delta, self.early, *np.ravel(self.widening).tolist()
         found: Formula = self._as_formula(what, self._displacement_sets, self.grid.ndim)
         return found
 
@@ -290,16 +292,16 @@ class Interval(ReadOnly):
         if (normals := self.normals).size:
             directions = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
             ends = [replace(self, delta=delta)._greatest_along(states, begin, directions) for delta in lasting]
-            far = np.maximum.reduce(ends) + np.abs(directions) @ (self.wider + np.zeros(self.grid.ndim))
-            moved, later = self._moves(states, begin)
+            far = np.maximum.reduce(ends) + np.abs(directions) @ (self.widening + np.zeros(self.grid.ndim))
+            moved, later = self._displacements_by_two_rules(states, begin)
             terms = np.pad(far, [(0, 0), (0, 0), (0, -far.shape[2] % self.grid.ndim)])
             low, high, *more = np.split(terms, terms.shape[2] // self.grid.ndim, axis=2)
             return np.stack([-low, high, *np.broadcast_arrays(moved, later - moved), *more], axis=1)
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
-        moved, later = self._moves(states, begin)
+        moved, later = self._displacements_by_two_rules(states, begin)
         segments = [self.delta * half for half in self._half_segments(states, begin)]
-        return np.stack([low - self.wider, high + self.wider, moved, later - moved, *segments], axis=1)
+        return np.stack([low - self.widening, high + self.widening, moved, later - moved, *segments], axis=1)
 
     @kept
     def normals(self) -> FloatArray:
@@ -329,7 +331,7 @@ class Interval(ReadOnly):
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
         # an estimate: delta times the greatest velocity beyond the drift at some instants, added to the midpoint rule
         instants = [begin] if not dynamics.depends_on_time else [begin, begin + self.delta / 2, begin + self.delta]
-        (moved, centre), far = self._moves(states, begin), []
+        (moved, centre), far = self._displacements_by_two_rules(states, begin), []
         for j in count:
             # where the state is halfway without an adversary: velocities at the begin alone would err to first order
             points = self.grid.wrapped(self.grid.clipped(states + moved[:, j] / 2))
@@ -358,7 +360,7 @@ class Interval(ReadOnly):
             low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
         # an estimate: around the midpoint rule, delta times the greatest deviation by v at some instants
-        centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
+        centre, points = self._displacements_by_two_rules(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.depends_on_time else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):

@@ -70,7 +70,7 @@ class Samples:
         step = step if self.dynamics.depends_on_time else 0
         if step not in self._intervals:
             known = self.problem.interval(step)
-            self._intervals[step] = replace(known, grid=self.grid, dynamics=self.dynamics, wider=0.0)
+            self._intervals[step] = replace(known, grid=self.grid, dynamics=self.dynamics, widening=0.0)
         return self._intervals[step]
 
     def avoid_axes(self, axes: Iterable[int]) -> tuple[int, ...]:
