@@ -77,10 +77,9 @@ class Bounds:
     ) -> FloatArray:
         """The sign that a level-set function has in all of a box at all times: 1 where > 0, -1 where <= 0, else 0.
 
-        Returns int8 (n1, n2, ...), for the boxes that are products of n1 intervals `low` to `high` along the first of
-        the set's axes, n2 along the second, and so on, ascending. 0 means that the function has both signs, or that
-        nothing is proved. A box of open sign is cut in two along each axis, `halvings` times at most; one that is not
-        `asked` has the sign of its tile.
+        int8 (n1, n2, ...), for the products of n1 ascending intervals `low` to `high` along the set's first axis, n2
+        along the second, and so on; 0 where both signs occur, or nothing is proved. A box of open sign is cut in two
+        along each axis, `halvings` times at most; one that is not `asked` has the sign of its tile.
         """
         level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
@@ -122,8 +121,8 @@ class Bounds:
     ) -> FloatArray:
         """Whether a level-set function is proved <= 0 in all of each box (M, axes) and at all `times`, s: (M,) bool.
 
-        A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
-        are no more than `most`. A box that is still open then is False.
+        A box of open sign is cut in two along each axis, `halvings` times at most, to `most` pieces together; one that
+        is still open then is False.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -192,8 +191,8 @@ def _boxes_in_batches(
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other.
 
-    at (m,) is the run, lower and upper (m, axes) are the corners of the boxes with these numbers, of the product of the
-    intervals from low[k] to high[k] along each axis.
+    at (m,) is the run, lower and upper (m, axes) are the corners of these boxes of the product of the intervals from
+    low[k] to high[k].
     """
     sizes = np.array([ends.size for ends in low])
     ends = np.zeros((2, len(low), sizes.max()))

@@ -202,8 +202,7 @@ def _words_filled(
 ) -> list[dict[int, int]]:
     """Choices for the axis along which sets are packed that fill words of 64 cells: {axis: index}, a few.
 
-    A word less than those that a choice of cells takes there, as many, and one more. [] where each cell of that axis is
-    led by itself.
+    A word less than a choice of cells takes there, as many, and one more; [] where each cell is led by itself.
     """
     axes = _picked(cells, places)
     depends = place_axes(problem, axes)
@@ -284,10 +283,9 @@ def _by_axes_alone(
 ) -> list[int]:
     """The choice of cells, an index for each axis, by which most is kept of what the target's axes prove by themselves.
 
-    [] where these are no problem of their own, or no choice keeps anything. Kept is what the recursion on these axes
-    proves, times exp(-l). In l the widths of these axes count `TUBES` times, since tubes of wide cells meet unsafe
-    sets, and losses on the others `LEFT` times, for each unit of what unsafe sets' boundaries take of the states
-    outside.
+    Kept is what the recursion on these axes proves, times exp(-l). In l their widths count `TUBES` times, since tubes
+    of wide cells meet unsafe sets, and losses on the others `LEFT` times, for each unit of what unsafe sets' boundaries
+    take of the states outside. [] where nothing is kept, or the axes are no problem of their own.
     """
     alone, steps = axes_alone(problem), losing_steps(problem, speeds)
     if not alone:

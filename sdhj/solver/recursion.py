@@ -78,12 +78,12 @@ class TubeSets(Protocol):
 
 
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
-    """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place; `done()` is called after each.
+    """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place.
 
     Rows k come from `steps` down to 0, and in a row n goes upwards; if nothing depends on time, there is the row 0
     alone. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and `sets.repeat`
     is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the target appears
-    late.
+    late. `done()` is called after each entry with n >= 1.
     """
     sets.begin()
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
