@@ -517,14 +517,14 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     moves = np.zeros((len(points), 1 + count, len(axes)))  # the first is that of the target itself
     moves[:, 1:] = interval.displacements(points)[..., axes]
     state, one, other = _neighbouring_pairs(moves / some.spacing, rng)
-    e, centres = moves[state, other] - moves[state, one], points[state][:, axes]
-    length = np.abs(e) / some.spacing
+    between, centres = moves[state, other] - moves[state, one], points[state][:, axes]
+    length = np.abs(between) / some.spacing
     along = (length > 0) & (length >= length.max(axis=1, keepdims=True) / 2)
-    taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
+    taken_off = np.max(push[state] / np.where(along, np.abs(between), np.inf), axis=1)
     taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
     # the width of a gap is the distance of the two, less what the target reaches between them and what the disturbance
     # pushes
-    longer = e * (1.0 + taken_off)[:, None]
+    longer = between * (1.0 + taken_off)[:, None]
     ways = _share_inside(problem, centres, longer, t) + _share_inside(problem, centres, -longer, t)
     alone, widths = ways < 1.0, np.abs(longer) * (1.0 - ways)[:, None]
     if len(np.unique(state[alone])) < RARE * len(points):
@@ -565,14 +565,14 @@ def _deepest_nodes(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArr
     return np.array(some.lower) + inside * some.spacing
 
 
-def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
-    """How far the target continues from `centres` in it along e, both (M, axes), as a share of e, 0 to 1: (M,)."""
+def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, way: FloatArray, t: float) -> FloatArray:
+    """How far the target continues from `centres` in it along `way`, both (M, axes), as a share of it, 0 to 1: (M,)."""
     grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
     # taken to be linear between these points
-    points = centres[:, None] + shares[:, None] * e[:, None]
-    values = problem.target.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(e), len(shares))
+    points = centres[:, None] + shares[:, None] * way[:, None]
+    values = problem.target.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(way), len(shares))
     first = np.where((values > 0).any(axis=1), (values > 0).argmax(axis=1), len(shares) - 1)
-    rows = np.arange(len(e))
+    rows = np.arange(len(way))
     inner, outer = np.minimum(values[rows, first - 1], 0.0), np.maximum(values[rows, first], 0.0)
     return (first - 1 + inner / np.where(outer > inner, inner - outer, -1.0)) / PARTS
 
