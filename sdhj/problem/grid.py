@@ -308,7 +308,7 @@ class Grid(Remembering):
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
     def ends_where(self, *fates: Fate) -> FloatArray:
-        """Whether the lower and the upper end of each axis has one of these fates, as no periodic one: (2, ndim)."""
+        """Whether the lower and the upper end of each axis has one of these fates and is not periodic: (2, ndim)."""
         if fates not in (cache := self.remembered("ends", dict)):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
             cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
@@ -328,7 +328,7 @@ class Grid(Remembering):
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance from each node to the nearest end with a fate, negative past it, +inf without: it broadcasts."""
+        """Distance from each node to the nearest end with a fate, negative past it, or +inf; broadcasts to the grid."""
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
             nodes = self.nodes(axis)

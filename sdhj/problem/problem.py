@@ -332,10 +332,15 @@ class ReachAvoidProblem(Remembering):
         Parameters
         ----------
         points, t
-            As for `target_value`, and so are the unit and the errors.
+            As for `target_value`, and so is the unit.
         inputs : (M,) int array, optional
             Indices into problem.inputs of what is applied there, for sets that are unsafe under some inputs only. By
             default the sets count that are unsafe under all; +inf where none counts.
+
+        Raises
+        ------
+        ValueError
+            As `target_value`.
 
         Examples
         --------
@@ -361,7 +366,7 @@ class ReachAvoidProblem(Remembering):
         return out
 
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """The numbers of those of states (M, ndim) that are at a step surely in the target and in no unsafe set."""
+        """The numbers of those of states (M, ndim) that are known to be in the target and no unsafe set at a step."""
         level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
         if self.has_no_target or self.sensing:
             return np.zeros(0, np.int64)  # with a `Sensing` the true state is not known
