@@ -222,11 +222,7 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
-    """The cells of an axis of a grid as a file states them, which may be anything.
-
-    ValueError where the cells do not cover the axis, are more than `MOST_CELLS`, or have a layer at an end that is no
-    wall.
-    """
+    """The cells of an axis of a grid as a file states them, which may be anything; ValueError where it is wrong."""
     walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
         [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])

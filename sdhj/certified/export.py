@@ -379,8 +379,8 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
     """Random states with checksums of Python's answers about them, for `sdhj_selftest`: (TESTS, ndim + 1) uint16.
 
-    State i is asked about at step i % (N + 1), or 0 where nothing depends on time, with the filter's wanted input i %
-    L.
+    State i is asked about at step i % (N + 1), or 0 where nothing depends on time, with the wanted input i % L, as in
+    C.
     """
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))

@@ -80,8 +80,8 @@ def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatA
 def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray, share: int) -> Lattice:
     """The `Lattice` for `tubes` (T, parts, d, 2), how far the ends of cells move, and a set of d axes.
 
-    Along an axis that is not `alike`, boxes are wider by what the disturbance pushes, `pushed` (d,), where that is less
-    than a piece of a cell.
+    Where an axis is not `alike`, boxes are wider by what the disturbance pushes, `pushed` (d,), if that is less than a
+    box.
     """
     least, most = tubes[..., 0].min(axis=1), tubes[..., 1].max(axis=1)
     scale = np.array([axis.scale for axis in axes])

@@ -425,14 +425,14 @@ class HJIGames(_OnAxes):
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
-        """How many time steps of the interval from a step the CFL condition asks for, of every input, at least 1."""
+        """The most time steps that the CFL condition asks for under any input in the interval from a step, or 1."""
         key = axes, step if self.samples.dynamics.depends_on_time else 0
         if key not in self._steps:
             grid, delta, cfl = self.samples.grid.subgrid(axes), self.duration, self.scheme.cfl
             most = 1
             for j in range(self.count):
                 field, interval = self.velocities(j, axes, step), self.samples.interval(step)
-                # where these do not depend on time, one is enough
+                # where velocities do not depend on time, one instant is enough
                 times = interval.begin + delta * INSTANTS
                 fields = [interval.velocities(j, axes, t) for t in times] if callable(field) else [field]
                 most = max(most, *(one.steps(grid, delta, cfl) for one in fields))
