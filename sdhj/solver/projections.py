@@ -25,6 +25,7 @@ import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -176,7 +177,7 @@ class ProjectedGames:
             return out
         tubes = []
         for keep in kept:
-            obstacle_on = ObstacleFunction(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), obstacle.instant)  # type: ignore[misc]
+            obstacle_on = ObstacleFunction(keep, partial(projected, keep), obstacle.instant)
             tubes.append(self.on(keep).tubes(obstacle_on, step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
         return united(tubes, local, out)
