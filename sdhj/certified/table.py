@@ -761,7 +761,9 @@ def _level_set_of_cells(table: CertifiedTable, within: int) -> BlackBox:
         step = step_at(t)
         if step is None:
             return np.ones(len(points))
-        return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
+        # a point that rounding has put beside a wall is at it, as a box is (`certified_boxes`)
+        at_wall, _ = table.certified_boxes(points, points, start=step, within=within)
+        return np.where(table.contains(points, start=step, within=within) | at_wall, -1.0, 1.0)
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
         if t0 != t1 and not problem.time_invariant:

@@ -71,6 +71,9 @@ def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], Floa
     flat = np.abs(values) <= HAIR * size
     for axis in range(grid.ndim if flat.any() else 0):
         flat = np.logical_and(*grid.edges(flat, axis))
+    for axis, (before, behind) in enumerate(grid.added):  # past safe ends functions are as at the ends
+        np.moveaxis(flat, axis, 0)[:before] = False
+        np.moveaxis(flat, axis, 0)[len(np.moveaxis(flat, axis, 0)) - behind :] = False
     if flat.any():
         middles = np.array(grid.lower) + (np.argwhere(flat)[:LOOKED_INTO] + 0.5) * grid.spacing
         if (zero := np.abs(function(middles)) <= HAIR * size).any():

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from forging import describe
+from forging import describe, forged
 from toys import interval_problem
 
 import sdhj
@@ -85,4 +85,6 @@ def test_the_checker_refuses_the_sets_of_another_robot(name, tmp_path):
     interval().save(tmp_path / "sets.npz")
     assert verify(tmp_path / "sets.npz", progress=False).ok
     describe(tmp_path / "sets.npz", interval_problem(**LIES[name]))
+    with forged(tmp_path / "sets.npz", named=True) as (told, _):
+        told["proof"]["clear"][0]["ends"] = [0] if "ends" in LIES[name] else []
     assert not verify(tmp_path / "sets.npz", progress=False).ok
