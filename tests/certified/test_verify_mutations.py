@@ -268,7 +268,7 @@ def run(file, test, *texts, folder):
     holding = [str(path) for path in sorted((TESTS / "certified" / "check").glob("test_*.py")) if has(path, test)]
     command = ["-o", "addopts=--import-mode=importlib", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]
     command += [f"-c{TESTS.parent / 'pyproject.toml'}", *holding, "-k", test]
-    process = SERVER.Process(target=tested, args=(str(folder), command))
+    process = SERVER.Process(target=outcome_of, args=(str(folder), command))
     process.start()
     process.join(600)
     process.kill()
@@ -281,7 +281,7 @@ def has(path, test):
     return re.search(rf"def \w*({test.replace(' or ', '|')})", path.read_text(encoding="utf-8"))
 
 
-def tested(folder, command):
+def outcome_of(folder, command):
     """Run pytest on the library in `folder`, in a process of its own; what it prints is in a file there."""
     os.chdir(folder)
     os.environ |= {
