@@ -25,11 +25,12 @@ print(*sorted(name for name in sys.modules if name.startswith("sdhj.certified.ch
 
 def test_a_file_is_verified_without_numba_or_scipy(tmp_path):
     path = save("line", tmp_path / "line.npz")
-    # the runtime is NumPy's own
     own = subprocess.run([sys.executable, "-c", "import sys; print(*sys.modules)"], capture_output=True, text=True)
     code = ALONE.replace("OWN", repr({name.partition(".")[0] for name in own.stdout.split()}))
     done = subprocess.run(
         [sys.executable, "-c", code, Path(sdhj.__file__).parents[1], path], capture_output=True, text=True
     )
-    assert done.stdout.splitlines() == ["True", "cython_runtime numpy sdhj", ""], done.stdout + done.stderr
+    proved, loaded, *rest = done.stdout.splitlines()
+    assert proved == "True" and rest == [""], done.stdout + done.stderr
+    assert set(loaded.split()) - {"cython_runtime"} == {"numpy", "sdhj"}  # that runtime is some versions of NumPy's own
     assert "moves: " in done.stderr and "sets: " in done.stderr
