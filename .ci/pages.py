@@ -113,19 +113,19 @@ def rooms() -> str:
 
 def in_order_of_imports(folder: Path) -> list[Path]:
     """The files of a room, each after those of the room that it imports."""
-    files, found = {path.stem: path for path in sorted(folder.glob("[!_]*.py"))}, dict[str, Path]()
+    files, placed = {path.stem: path for path in sorted(folder.glob("[!_]*.py"))}, dict[str, Path]()
     room = ".".join(folder.relative_to(ROOT).parts)
 
     def put(name: str) -> None:
         for other in re.findall(rf"^from {room}\.(\w+) import", files[name].read_text("utf-8"), re.MULTILINE):
-            if other in files and other not in found:
+            if other in files and other not in placed:
                 put(other)
-        found[name] = files[name]
+        placed[name] = files[name]
 
     for name in files:
-        if name not in found:
+        if name not in placed:
             put(name)
-    return list(found.values())
+    return list(placed.values())
 
 
 def line_of(path: Path) -> str:

@@ -136,8 +136,8 @@ def check_inverse(inverse):
     """Two postures with the tip at a place."""
     rng = np.random.default_rng(0)
     for _ in range(100):
-        r, angle = rng.uniform(0.02, 0.29), rng.uniform(-np.pi, np.pi)
-        place = r * np.cos(angle), r * np.sin(angle)
+        r, bearing = rng.uniform(0.02, 0.29), rng.uniform(-np.pi, np.pi)
+        place = r * np.cos(bearing), r * np.sin(bearing)
         both = np.asarray(inverse(*place), dtype=np.float64)
         expect(both.shape == (2, 2), "two pairs of joint angles.")
         for q in both:
@@ -179,15 +179,15 @@ def check_limits(overlap):
     q = np.stack([np.zeros(2001), np.linspace(-9.0, 9.0, 2001)], axis=1)
     got = np.asarray(overlap(q))
     expect(got.shape == (2001,), "one value for each row of q.")
-    wrapped = np.angle(np.exp(1j * q[:, 1]))
-    sure = np.abs(np.abs(wrapped) - 2.8) > 1e-6
+    turned = np.angle(np.exp(1j * q[:, 1]))
+    sure = np.abs(np.abs(turned) - 2.8) > 1e-6
     near = np.abs(q[:, 1]) < 3.1
     expect(
-        (got <= 0)[sure & near] == (np.abs(wrapped) > 2.8)[sure & near],
+        (got <= 0)[sure & near] == (np.abs(turned) > 2.8)[sure & near],
         "the unsafe set is |q2| > 2.8: inside is negative.",
     )
     expect(
-        (got <= 0)[sure] == (np.abs(wrapped) > 2.8)[sure],
+        (got <= 0)[sure] == (np.abs(turned) > 2.8)[sure],
         "q2 and q2 + 2 pi are the same configuration: wrap the angle.",
     )
     slope = np.abs(np.diff(got)) / (q[1, 1] - q[0, 1])

@@ -324,7 +324,7 @@ class GeneralProof(Images):
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
         safe, nothing = self.open_ends + SIDES[:, 0] * self.shell, np.zeros(0, np.int64)
-        whole, out = dict(zip((one.axes for one in self.dangers), self.bits_of_clear, strict=True)), list[_Asked]()
+        clear_bits, out = dict(zip((one.axes for one in self.dangers), self.bits_of_clear, strict=True)), list[_Asked]()
         at_place = self.cells_at(np.arange(self.low.shape[2]))
         for one in dangers_of(self.problem):
             counts = self.counts_of(one)
@@ -333,8 +333,8 @@ class GeneralProof(Images):
             first = ~at_place[:, others].any(axis=1)  # of the places that differ on other axes only
             place = np.where(first, np.cumsum(first) - 1, -1)
             layout = Placed(*read_only((counts, begin)), nothing, 0, 0, 0, *read_only((edges, safe)))
-            unmarked = np.full(() if one.axes in whole else one.shape(self.problem, self.axes), 255, np.uint8)
-            out.append(_Asked(one, layout, place, whole.get(one.axes, unmarked)))
+            unmarked = np.full(() if one.axes in clear_bits else one.shape(self.problem, self.axes), 255, np.uint8)
+            out.append(_Asked(one, layout, place, clear_bits.get(one.axes, unmarked)))
         return out
 
     def prepare(self, progress: bool | None) -> Packing:
