@@ -147,7 +147,6 @@ def test_command_prints_every_solver_and_draws(tmp_path, monkeypatch):
         "time ~ nodes^",
         "projected",
         "batch, admissible states",
-        "x limit",
         "chapter 10's sliders: 0.",
         "own CPU s",
     ):

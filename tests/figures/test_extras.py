@@ -232,7 +232,7 @@ def test_what_leaves_anything_is_found_by_halving(small_car):
     assert 0.4 / np.sqrt(8) - 0.15 < low <= high < 0.4 / np.sqrt(8) + 0.01  # the diagonal of 2 E; nodes are 0.2 apart
     assert less <= more <= high
     assert promised(small_car, "hji", "error", high) == Promise()
-    assert promised(small_car, "hji", "error", low).share > 0
+    assert promised(small_car, "hji", "error", less).share > 0  # at `low` what is left lies between nodes
     with pytest.raises(ValueError, match=r"delay \+ 2 jitter must be at most delta"):
         promised(small_car, "hji", "delay", 1.0)
 
