@@ -766,6 +766,9 @@ FORGERIES: dict[str, Forgery] = {
     "a set that wins a cell": Forgery(
         "cart", GROW, sets(lambda found: found[0].__setitem__(tuple(np.argwhere(found[1])[0]), False))
     ),
+    "a late set that loses a cell": Forgery(  # S_2^1 one of S_2^0
+        "tide", GROW, sets(lambda found: found[8].__setitem__(tuple(np.argwhere(found[7])[0]), False))
+    ),
     "a cell more": Forgery("line", NEARER, a_cell_more(1)),
     "a cell of which no input is clear": Forgery(
         "line", NEARER, lambda told, arrays: nothing_clear_from_the_first(told, arrays)

@@ -781,6 +781,7 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     # 3: steps
     "sets that grow": ("argument", "* bool(lacks)", "* 0", "a set that loses a cell"),
     "sets that shrink": ("argument", "* bool(lacks)", "* 0", "a set that wins a cell"),
+    "sets of each step": ("argument", "* bool(lacks)", "* bool(lacks and not step)", "a late set that loses a cell"),
     "every cell of an image": ("argument", "return counted == size", "return counted > 0", "a cell more"),
     "inputs that are clear": (
         "argument",
