@@ -79,21 +79,3 @@ def test_what_is_gone_within_any_part_is_refused_with_advice_on_parts():
     )
     with pytest.raises(ValueError, match=r"grows too fast.*np.minimum, use a shorter delta, or more parts than the 64"):
         sdhj.solve(problem, sdhj.Certified(cells=[400], parts=2), progress=False, play=False)
-
-
-def test_runs_stop_where_they_leave_the_grid():
-    """The states of runs that left: just past an end, and the same at all later instants."""
-    table = sdhj.solve(reactor(nodes=(21, 21), steps=3), progress=False, play=False)
-    controller, seen = sdhj.Controller(table), []
-    rng = np.random.default_rng(0)
-    starts = rng.uniform([0.3, 360], [0.9, 380], (200, 2))
-    for q in starts[~table.contains(starts)][:20]:
-        try:
-            run = sdhj.simulate(controller, q, adversary="none", seed=0)
-        except sdhj.NotAdmissible:
-            continue
-        seen.append(run.states)
-    report = sdhj.monte_carlo(controller, runs=200, seed=0, progress=False)
-    assert sum(report.counts.values()) == 200
-    for states in seen:
-        assert np.isfinite(states).all() and (np.abs(states) < 1e4).all()

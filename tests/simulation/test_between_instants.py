@@ -7,7 +7,7 @@ import pytest
 
 import sdhj
 from sdhj.simulation.adversaries import SUBSTEPS, first_moment
-from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, _fast_sets, play_interval
+from sdhj.simulation.outcomes import COLLIDED, OFF, UNDECIDED, _fast_sets, play_interval
 
 
 def room(speed=20.0, radius=0.15, *, height=0.0, periodic=False):
@@ -98,3 +98,18 @@ def test_of_the_collisions_of_many_runs_all_are_counted():
     hit, counted = nearest <= 0.1, report.outcomes == COLLIDED
     assert np.array_equal(counted[sure], hit[sure]) and hit.sum() > 50
     assert (at_instants <= 0.1).sum() < 0.8 * hit.sum()  # what 20 instants see
+
+
+def test_a_run_stops_where_it_has_left_the_grid():
+    """dx = 40 x^3 from .9 passes the end at 1 at once, and every number soon; the other run goes on to the end."""
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u: 40.0 * q**3 + u, np.eye(1), [0.1])
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-1.0], [1.0], [21], ends="unsafe"), dynamics, None, [], 0.25, 2)
+    seen = []
+    states, ended, _ = play_interval(
+        begin(problem, np.array([[0.0], [0.9]]), np.zeros(2, np.int64)),
+        lambda moment: np.zeros_like(moment.previous),
+        lambda moment, v, q, clearance: seen.append(q[:, 0]),
+    )
+    assert ended.tolist() == [UNDECIDED, OFF] and len(seen) == SUBSTEPS
+    off = [own for _, own in seen if own > 1.0]
+    assert len(off) > SUBSTEPS // 2 and set(off) == {states[1, 0]} and states[1, 0] < 1e3
