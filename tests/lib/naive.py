@@ -54,6 +54,16 @@ def lax_friedrichs(minus, plus, a, b):
     return axis_hamiltonian((minus + plus) / 2, a, b) + max(abs(a), abs(b)) * (plus - minus) / 2
 
 
+def derivatives_at(values, index, axis, spacing, periodic, order):
+    """The left and the right derivative along one axis at a node, from three nodes to each side."""
+    line = []
+    for offset in range(-3, 4):
+        moved = list(index)
+        moved[axis] += offset
+        line.append(ghost(values, moved, values.shape, periodic))
+    return eno_derivatives(line, order, spacing[axis])
+
+
 def right_hand_side(values, spacing, periodic, lower, upper, order, flux):
     """H(x, D Phi) at every node; lower, upper (ndim, *shape)."""
     shape = values.shape
@@ -61,12 +71,7 @@ def right_hand_side(values, spacing, periodic, lower, upper, order, flux):
     out = np.zeros(shape)
     for index in itertools.product(*(range(n) for n in shape)):
         for axis in range(len(shape)):
-            line = []
-            for offset in range(-3, 4):
-                moved = list(index)
-                moved[axis] += offset
-                line.append(ghost(values, moved, shape, periodic))
-            minus, plus = eno_derivatives(line, order, spacing[axis])
+            minus, plus = derivatives_at(values, index, axis, spacing, periodic, order)
             out[index] += numerical(minus, plus, lower[(axis, *index)], upper[(axis, *index)])
     return out
 
@@ -80,12 +85,7 @@ def coupled_right_hand_side(values, spacing, periodic, drift, gain, order):
     for index in itertools.product(*(range(n) for n in shape)):
         mean, dissipation = np.zeros(ndim), 0.0
         for axis in range(ndim):
-            line = []
-            for offset in range(-3, 4):
-                moved = list(index)
-                moved[axis] += offset
-                line.append(ghost(values, moved, shape, periodic))
-            minus, plus = eno_derivatives(line, order, spacing[axis])
+            minus, plus = derivatives_at(values, index, axis, spacing, periodic, order)
             mean[axis] = (minus + plus) / 2
             dissipation += alpha[axis] * (plus - minus) / 2
         out[index] = dissipation + max(
