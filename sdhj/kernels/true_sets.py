@@ -22,7 +22,7 @@ UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
 TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 
-class Samples(NamedTuple):
+class SampledSets(NamedTuple):
     """Arrays for the check of R states by the true sets; made by `samples_for`.
 
     In points, past, unsafe_values and target_values, the `count` points of each state that waits stand one behind the
@@ -45,12 +45,12 @@ class Samples(NamedTuple):
 
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
-    """New `Samples` of R states, `target_values` 0; count: 1, or the path, the state, and 2^ndim corners."""
+    """New `SampledSets` of R states, `target_values` 0; count: 1, or the path, the state, and 2^ndim corners."""
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, target_values = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
     for i in range(size):
         target_values[0, i] = 0.0
-    return Samples(queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), target_values)
+    return SampledSets(queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), target_values)
 
 
 @kernel(**UNCOUNTED)
