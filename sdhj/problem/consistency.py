@@ -5,6 +5,7 @@ All of these checks raise ValueError, and return nothing where all is well. `Rea
 made.
 """
 
+import math
 from itertools import product
 from typing import Any
 
@@ -101,8 +102,8 @@ def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
 def try_goals(problem: Any) -> None:
     """Raise ValueError, with the likely cause, where at no step some node is in the target and safe."""
     steps, target = range(1 if problem.time_invariant else problem.steps + 1), problem.target
-    count, rng = int(np.prod(problem.grid.piece_shape[1])), np.random.default_rng(0)
-    order = rng.permutation(count) if count <= MOST_LOOKED_AT else rng.integers(count, size=DRAWN)
+    count, rng = math.prod(problem.grid.piece_shape[1]), np.random.default_rng(0)  # may be more than 64 bits hold
+    order = rng.permutation(count) if count <= MOST_LOOKED_AT else rng.integers(min(count, 2**63 - 1), size=DRAWN)
     for points in problem.grid.pieces(order):  # up to the first that has such a node
         if any(in_goal(problem, points, step).any() for step in steps):
             return

@@ -188,7 +188,11 @@ class Grid(Remembering):
         """Yield the nodes' points, at most `PIECE` at a time, (M, ndim) float64: all pieces, or those in `order`."""
         some, places = self.piece_shape
         for which in range(math.prod(places)) if order is None else order:
-            *rows, place = map(int, np.unravel_index(which, places))
+            rest, at = int(which), list[int]()
+            for n in reversed(places):  # NumPy's own refuses more places than 64 bits count
+                rest, own = divmod(rest, n)
+                at.insert(0, own)
+            *rows, place = at
             cut = [slice(row, row + 1) for row in rows] + [slice(place * some, (place + 1) * some)]
             yield self._points([*cut, *[slice(None)] * (self.ndim - len(cut))])
 

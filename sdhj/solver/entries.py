@@ -109,7 +109,7 @@ class Folder:
 
     def scratch(self, shape: Sequence[int], dtype: str) -> FloatArray:
         """An array for intermediate results, in a file without a name if it is large."""
-        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        size = math.prod(shape) * np.dtype(dtype).itemsize
         if size <= SCRATCH:
             return np.empty(shape, dtype)
         with tempfile.TemporaryFile(dir=self.path) as stream:
@@ -135,7 +135,7 @@ class Folder:
     def tube(self, place: int) -> FloatArray:
         """The stored tube at a place, mapped: (*shape). It must not be written."""
         shape, dtype = self.parts.problem.grid.shape, np.dtype(self.parts.dtype)
-        offset = container.HEADER + place * int(np.prod(shape)) * dtype.itemsize
+        offset = container.HEADER + place * math.prod(shape) * dtype.itemsize
         # what may not be written has another type, for which kernels would be compiled once more
         return np.asarray(np.memmap(self.file("tubes"), dtype, "c", offset, shape))
 

@@ -12,6 +12,7 @@ input. J is computed at the nodes of the problem's grid, for tables of cells too
 them that are in the tube.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -143,7 +144,7 @@ class CostToGo(ReadOnly):
         self.problem, self.name = problem, f"cost to go of {named}"
         self._cost = _Cost(cost) if callable(cost) else COSTS[cost]
         shape = (table.steps + 1, 2, grid.size)
-        require_memory(4 * int(np.prod(shape)), f"a cost to go at {grid.size:,} nodes and {table.steps + 1} steps")
+        require_memory(4 * math.prod(shape), f"a cost to go at {grid.size:,} nodes and {table.steps + 1} steps")
         self._values = np.zeros(shape, np.float32)  # of each step J, 0 off the tube, and whether it is in the tube
         points, size = grid.points(), max(PAIRS // len(problem.inputs), 1)
         for step in tqdm(range(table.steps, -1, -1), desc="cost to go", unit="step", disable=hidden(progress)):
