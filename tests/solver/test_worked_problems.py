@@ -94,7 +94,7 @@ def car():
     text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     (code,) = (code for code in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S) if '"post"' in code)
     names = {}
-    exec(code[: code.index("controller = ")], names)
+    exec(code[: code.index("for method in")], names)
     return names["problem"]
 
 
