@@ -39,7 +39,6 @@ except ImportError:  # as on Windows
 
 from sdhj.common.memory import require_memory
 from sdhj.kernels import FloatArray
-from sdhj.kernels.union import EIGHT
 from sdhj.problem.describing import arrays_of
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.findings import check_resolution
@@ -87,12 +86,18 @@ class Part(NamedTuple):
     kind: str
     step: int
     within: int = 0  # n of an entry or a share
-    byte: int = 0  # of the marks, whose inputs a share has
+    share: int = 0  # which of the shares of an entry
+    shares: int = 0  # how many there are; 0 of an entry that is computed as a whole
 
     @property
     def name(self) -> str:
         """The name of its mark or, of a share, of its file."""
-        return f"{self.kind}-{self.step}-{self.within}" + (f"-{self.byte}.npy" if self.kind == "share" else "")
+        return f"{self.kind}-{self.step}-{self.within}" + (f"-{self.share}" if self.kind == "share" else "")
+
+
+def shares_of(entry: Part) -> list[Part]:
+    """The shares of an entry."""
+    return [entry._replace(kind="share", share=share) for share in range(entry.shares)]
 
 
 class Folder:
@@ -192,6 +197,9 @@ class Folder:
         else:
             told = (self._avoid if part.kind in self.parts.axes else self._entry)(part)
             self.set_mark(part, **{"solved": getattr(self.parts.games, "solved", 0) - solved} | told)
+            # now, as an entry that is not marked may have to be united once more
+            for share in shares_of(part):
+                (self.path / SHARES / share.name).unlink(missing_ok=True)
 
     def _avoid(self, part: Part) -> dict[str, Any]:
         """Write the avoid tubes of a step; returns what its mark tells: the sets that are met, and the games' notes."""
@@ -209,44 +217,50 @@ class Folder:
 
     def _entry(self, part: Part) -> dict[str, Any]:
         """Write an entry, or unite its shares; returns its place, and whether it is the tube of the one before it."""
-        parts, (_, step, within, _) = self.parts, part
+        parts, step, within = self.parts, part.step, part.within
         if self.repeated(part):
             return {"place": self.place(step, within - 1), "shared": True}
         own, tube, told = self.own_place(part), np.empty(parts.problem.grid.shape, parts.dtype), dict[str, Any]()
-        shares = sorted((self.path / SHARES).glob(part._replace(kind="share", byte="*").name))  # type: ignore[arg-type]
+        marks, shares = np.zeros(parts.shape("marks")[1:], np.uint8), shares_of(part)
         if within == 0:
             parts.write_goal(step, tube)
-        elif len(shares) == parts.shape("marks")[1]:
+        elif shares:
             tube.fill(np.inf)
             # one PDE for each input, by those who made the shares
             told = {"solved": len(parts.problem.inputs)}
             for share in shares:
-                np.minimum(tube, np.load(share, mmap_mode="r"), out=tube)
+                with open(self.path / SHARES / share.name, "rb") as stream:
+                    np.minimum(tube, np.load(stream), out=tube)
+                    np.bitwise_or(marks, np.load(stream), out=marks)
         else:
-            self.write("marks", own, self._computed(part, tube))
+            self._compute(part, tube, marks)
+        if within:
+            self.write("marks", own, marks)
         self.write("tubes", own, tube)
-        for share in shares:
-            share.unlink(missing_ok=True)
         return told | {"place": own, "shared": False}
 
     def _share(self, part: Part) -> None:
-        """Write an entry by the inputs of one byte of marks to a file of its own, and that byte to its place."""
-        count, target = len(self.parts.problem.inputs), self.path / SHARES / part.name
-        if target.exists() or self.repeated(part):
+        """Write an entry by the inputs of a share, its tube and marks, to a file of its own."""
+        if self.repeated(part):
             return
+        # runs of inputs by turns: as many for each share, and as fast, where those side by side are alike
+        count = len(self.parts.problem.inputs)
+        run = max(1, count // (2 * part.shares))
+        some = [j for j in range(count) if j // run % part.shares == part.share]
         tube = np.empty(self.parts.problem.grid.shape, self.parts.dtype)
-        some = range(EIGHT * part.byte, min(EIGHT * (part.byte + 1), count))
-        marks = self._computed(part, tube, some)
-        self.write("marks", self.own_place(part) * len(marks) + part.byte, marks[part.byte])
-        with replaced_whole(target) as temporary:
-            np.save(temporary, tube)
-
-    def _computed(self, part: Part, tube: FloatArray, *some: range) -> FloatArray:
-        """Write an entry, by some inputs or by all, to `tube` (*shape), and return its marks (bytes, nodes)."""
         marks = np.zeros(self.parts.shape("marks")[1:], np.uint8)
+        self._compute(part, tube, marks, some)
+        # not flushed: a solve that goes on begins without shares
+        temporary, target = self.path / SHARES / uuid.uuid4().hex, self.path / SHARES / part.name
+        with open(temporary, "wb") as stream:
+            np.save(stream, tube)
+            np.save(stream, marks)
+        os.replace(temporary, target)
+
+    def _compute(self, part: Part, tube: FloatArray, marks: FloatArray, *some: Sequence[int]) -> None:
+        """Write an entry, by some inputs or by all, to `tube` (*shape) and `marks` (bytes, nodes), 0 at first."""
         before, after = self.place(part.step, part.within - 1), self.place(part.step + 1, part.within - 1)
         self.parts.write_entry(self.rows, part.step, self.tube(before), self.tube(after), tube, marks, *some)
-        return marks
 
     @cached_property
     def _unshared(self) -> FloatArray:
@@ -360,6 +374,7 @@ def completed_by(
     Parts go through Dask's scheduler, arrays through the folder, which every worker has to see under the same path. A
     worker that dies leaves no mark, and another one gets its part; of an error what has not begun is cancelled.
     """
+    workers = list(client.scheduler_info()["workers"])
     given = folder.path, folder.parts.problem, folder.parts.method
     pickled = importlib.import_module("cloudpickle").dumps(given)
     flying, left = importlib.import_module("distributed").as_completed(), list[int]()
@@ -380,7 +395,11 @@ def completed_by(
             for part in row:
                 # what is in no row is complete
                 waited = [futures[one] for one in needs(part) if one in futures]
-                future = client.submit(complete_alone, pickled, part, *waited, pure=False)
+                # or one worker would be given all, as Dask prefers the one that had what a part waits for
+                at = [workers[(number + part.share) % len(workers)]] if waited and workers else None
+                future = client.submit(
+                    complete_alone, pickled, part, *waited, workers=at, allow_other_workers=bool(at), pure=False
+                )
                 futures[part], came_from[future.key] = future, (part, number)
                 flying.add(future)
         while came_from:
@@ -424,6 +443,8 @@ def alone_in(path: Path) -> Iterator[bool]:
 def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -> None:
     """Complete all parts of a folder, and make it a table."""
     started, problem = time.perf_counter(), sets.problem
+    for share in (folder.path / SHARES).iterdir():
+        share.unlink()
     completed = completed_here if client is None else partial(completed_by, client)
     static, moving = folder.parts.axes.values()
     avoid = [Part("avoid_static", 0)] * bool(static)
@@ -438,18 +459,19 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
     sets.look_over(folder.goal, free)
     # one row is a chain, so that machines help only within an entry
     apart = client is not None and problem.time_invariant and getattr(folder.parts.games, "apart", False)
-    shares = range(folder.parts.shape("marks")[1]) if apart else range(0)
+    shares = min(len(client.scheduler_info()["workers"]), len(problem.inputs)) if apart else 0
+    shares *= shares > 1
 
     def row(step: int) -> list[Part]:
         # those with n >= 1, each behind its shares
-        each = [Part("entry", step, n) for n in range(1, problem.steps - step + 1)]
-        return [part for one in each for part in (*(one._replace(kind="share", byte=b) for b in shares), one)]
+        each = [Part("entry", step, n, shares=shares) for n in range(1, problem.steps - step + 1)]
+        return [part for one in each for part in (*shares_of(one), one)]
 
     def needs(part: Part) -> list[Part]:
         # an entry follows from two others, and is united of its shares
         later = 0 if problem.time_invariant else part.step + 1
-        own = [part._replace(kind="share", byte=byte) for byte in shares] if part.kind == "entry" else []
-        return [*own, *{Part("entry", step, part.within - 1) for step in (part.step, later)}]
+        before = part._replace(kind="entry", within=part.within - 1, share=0)
+        return [*(shares_of(part) if part.kind == "entry" else []), before, *{before._replace(step=later)} - {before}]
 
     for part in completed(folder, map(row, sets.rows_of_entries), needs):
         if part.kind == "entry":

@@ -49,7 +49,7 @@ class Games(Protocol):
     * `grouped_reach_sets(values, step)`: reach sets come some inputs at a time, and are made where they are read, at
       the nodes of the grid without its padding (`sdhj.problem.boxes`); then `avoid` has a third argument `out`, the
       array to write to;
-    * `apart` = True: `grouped_reach_sets` takes the inputs that are asked for, a range, as a third argument.
+    * `apart` = True: `grouped_reach_sets` takes the inputs that are asked for, ascending, as a third argument.
     """
 
     @property
@@ -300,7 +300,9 @@ class HJIGames(_OnAxes):
         """Whether each input has games of its own, so that some of them can be asked for in `grouped_reach_sets`."""
         return not self.shifted
 
-    def grouped_reach_sets(self, values: FloatArray, step: int, some: range | None = None) -> Iterator[Maxima | Pieces]:
+    def grouped_reach_sets(
+        self, values: FloatArray, step: int, some: Sequence[int] | None = None
+    ) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.grouped_reach_sets`, of `some` inputs where they are `apart`."""
         if self.shifted:
             yield from self._shifts(values, step)

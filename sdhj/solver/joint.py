@@ -3,7 +3,7 @@
 The two agree up to the scheme's error; this one is there to be compared with.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any, ClassVar
@@ -29,7 +29,9 @@ class JointGames(HJIGames):
         """As `HJIGames.shifted`, but never with unsafe sets, which would move in that frame."""
         return super().shifted and not self.samples.unsafe
 
-    def grouped_reach_sets(self, values: FloatArray, step: int, some: range | None = None) -> Iterator[Maxima | Pieces]:
+    def grouped_reach_sets(
+        self, values: FloatArray, step: int, some: Sequence[int] | None = None
+    ) -> Iterator[Maxima | Pieces]:
         """Yield level-set functions of the reach-avoid sets (Definition 4), each of a PDE that has -g as obstacle."""
         samples, grid = self.samples, self.grid
         if not samples.unsafe:

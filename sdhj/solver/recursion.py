@@ -10,7 +10,7 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -285,7 +285,7 @@ class GridParts:
         after: FloatArray,
         tube: FloatArray,
         marks: FloatArray,
-        *some: range,
+        *some: Sequence[int],
     ) -> None:
         """Write an entry, tube = the least of `before` and max(reach_j, avoid_j) for all inputs j, and its marks.
 
@@ -307,7 +307,7 @@ class GridParts:
         if problem.has_no_target:
             np.maximum(tube, before, out=tube)
 
-    def _reach_sets(self, values: FloatArray, step: int, *some: range) -> Iterator[Maxima | Pieces]:
+    def _reach_sets(self, values: FloatArray, step: int, *some: Sequence[int]) -> Iterator[Maxima | Pieces]:
         """Yield the reach sets of {values <= 0}, without padding, all inputs of one byte of marks together."""
         problem, games, inner = self.problem, self.games, self.samples.padded.grid.inner
         if hasattr(games, "grouped_reach_sets"):

@@ -79,17 +79,66 @@ def test_workers_give_every_bit(threads, tmp_path, make, method):
 
 
 @pytest.mark.slow
-def test_inputs_of_one_row_are_shared_out_in_eights(threads, tmp_path, monkeypatch):
-    shared, share = [], Folder._share
+@pytest.mark.parametrize("inputs", [25, 9, 1])
+def test_inputs_of_one_row_are_shared_out_evenly(threads, tmp_path, monkeypatch, inputs):
+    found, share, write = [], Folder._share, Folder._compute
 
-    def counted(self, part):
-        shared.append(part)
-        return share(self, part)
+    def told(self, part):
+        found.append((distributed.get_worker().address, part.within))
+        share(self, part)
 
-    monkeypatch.setattr(Folder, "_share", counted)
-    sdhj.solve(turning(), store=tmp_path / "t", client=threads, progress=False)
-    assert {(part.within, part.byte) for part in shared} == {(n, byte) for n in range(1, 5) for byte in range(4)}
+    def counted(self, part, tube, marks, *some):
+        if some:
+            found[-1] += (part.share, *some[0])
+        write(self, part, tube, marks, *some)
+
+    monkeypatch.setattr(Folder, "_share", told)
+    monkeypatch.setattr(Folder, "_compute", counted)
+    problem = turning(inputs)
+    stored = sdhj.solve(problem, store=tmp_path / "t", client=threads, progress=False)
+    for within in range(2, 5) if inputs > 1 else []:  # those of the first step wait for nothing
+        its = [one for one in found if one[1] == within]
+        assert {one[0] for one in its} == {*threads.scheduler_info()["workers"]}
+        assert sorted(j for one in its for j in one[3:]) == [*range(inputs)]
+        assert abs(len(its[0]) - len(its[1])) <= 1
+    assert (inputs > 1) == bool(found)
     assert not (tmp_path / "t" / "shares").exists()
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False, play=False))
+
+
+@pytest.mark.slow
+def test_rows_of_entries_are_shared_out(threads, tmp_path, monkeypatch):
+    found, entry = [], Folder._entry
+
+    def told(self, part):
+        if part.within > 1:
+            found.append((part.step, distributed.get_worker().address))
+        return entry(self, part)
+
+    monkeypatch.setattr(Folder, "_entry", told)
+    sdhj.solve(toys.torus_problem(nodes=12), store=tmp_path / "t", client=threads, progress=False)
+    at = dict(found)
+    assert len({*found}) == len(at) > 1  # a row is one worker's, and the next one another's
+    assert all(at[step] != at[step + 1] for step in at if step + 1 in at)
+
+
+@pytest.mark.slow
+def test_shares_that_were_torn_are_not_believed(threads, tmp_path, monkeypatch):
+    """A share is not flushed, so that a machine that fails may leave any bytes of it."""
+    problem, store, share = turning(), tmp_path / "t", Folder._share
+
+    def torn(self, part):
+        share(self, part)
+        if part.within == 3:
+            os.truncate(store / "shares" / part.name, 1000)
+
+    with monkeypatch.context() as patch, pytest.raises(Exception, match=r".+") as told:
+        patch.setattr(Folder, "_share", torn)
+        sdhj.solve(problem, store=store, client=threads, progress=False)
+    assert "solve with resume=True" in told.value.__notes__[0]
+    assert any((store / "shares").iterdir())
+    stored = sdhj.solve(problem, store=store, client=threads, resume=True, progress=False)
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False, play=False))
 
 
 @pytest.mark.slow
