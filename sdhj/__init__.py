@@ -3,7 +3,8 @@
 Conventions: a set is where its level-set function is <= 0, so values are negative inside; a union is the minimum of the
 functions, an intersection the maximum, a complement the negative. The robot's input minimises, the adversary maximises.
 Units are metres, radians and seconds. A robot's functions are plain NumPy and are read once, as formulas
-(`sdhj.formulas`); one that cannot be read is wrapped in a `BlackBox`.
+(`sdhj.formulas`); one that cannot be read is wrapped in a `BlackBox`. An argument that does not fit is a ValueError
+that names it and says what was expected.
 
 A robot on a line, pushed by a disturbance of up to 0.2 m/s, must come within 1 m of the origin and never beyond 3 m:
 

@@ -60,7 +60,7 @@ from sdhj.table.rules import RULES
 def stop(number: int, frame: FrameType | None) -> None:
     """Handle a signal: delete temporary files, say on standard error that sdhj was stopped, and end the process.
 
-    Nothing is raised that could be caught on the way; the exit status is 128 + `number`.
+    Nothing is raised that could be caught; the exit status is 128 + `number`.
     """
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
@@ -94,7 +94,7 @@ class Refusal(click.ClickException):
 
 
 def plainly(function: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command: errors become one line on standard error, without a traceback, and compiling is reported."""
+    """Decorate a command: errors become one line on standard error, and compiling is reported."""
 
     @functools.wraps(function)
     def wrapped(*args: Any, **kwargs: Any) -> None:
@@ -116,7 +116,7 @@ def plainly(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
-    """The numbers in a text, separated by commas: at least one, made by `kind`; else ValueError, naming `option`."""
+    """The numbers in a text, separated by commas: at least one; ValueError names `option`."""
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
@@ -327,7 +327,7 @@ def verify_command(
 def proved(table: Path, problem: str | None, **options: Any) -> bool:
     """Whether the checker proves all claims of a certified table's file and, if given, of a file `exported` from it.
 
-    Prints the problem as the checker read it, its report and the time it took; `problem` is needed for black boxes.
+    Prints the problem as the checker read it, its report and the time.
     """
     if read_head(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
@@ -344,7 +344,7 @@ def proved(table: Path, problem: str | None, **options: Any) -> bool:
 def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
     """The problem that a user names as module:name or file.py:name, or what a function of that name returns.
 
-    The user's code is run; ValueError, naming `option`, whatever is wrong with it.
+    ValueError, naming `option`, whatever is wrong with the user's code.
     """
     place, _, what = name.rpartition(":")
     if not re.fullmatch(r"\w+", what) or not (place.endswith(".py") or re.fullmatch(r"[\w.]+", place)):
@@ -368,7 +368,7 @@ def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
 
 
 def _line_of(error: Exception, place: str) -> str:
-    """The words " (line n of place)": the last line of a user's file in an error's traceback; "" if there is none."""
+    """The words " (line n of place)": the last line of a user's file in an error's traceback; or ""."""
     lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(Path(place).name)]
     return f" (line {lines[-1]} of {place})" if lines and place.endswith(".py") else ""
 
@@ -473,7 +473,7 @@ def plot_command(
 
 
 def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int], FloatArray]:
-    """The two axes of a slice, by number, and a state (ndim,) on it: in the middle but where `at` has "name=number"."""
+    """The axes of a slice, by number, and a state on it: in the middle but where `at` has "name=number"."""
     if grid.ndim < 2:
         raise ValueError("a slice has two axes, and this robot has one; `sdhj info` prints its shares")
 
@@ -520,10 +520,7 @@ def warmup() -> None:
 
 
 def compile_kernels(robot: str, method: str) -> float:
-    """Compile all kernels that a small problem of arm or car calls with a method; returns how long it took, s.
-
-    Those of table, controller and, with "certified", of the checker are called, too.
-    """
+    """Compile all kernels that a small problem of arm or car calls; returns how long it took, s."""
     began, certified = time.perf_counter(), method == Certified.name
     problem = arm_case_study(nodes=9, steps=2) if robot == "arm" else new_robot()
     with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
@@ -538,13 +535,13 @@ def compile_kernels(robot: str, method: str) -> float:
 
 
 def new_robot() -> ReachAvoidProblem:
-    """The problem of the robot that `sdhj new` writes, by running its template."""
+    """The problem of the robot that `sdhj new` writes."""
     problem: ReachAvoidProblem = runpy.run_path(str(NEW_ROBOT))["problem"]()
     return problem
 
 
 def command() -> None:
-    """Run the command `sdhj`, and end the process: the entry point of the package."""
+    """Run the command `sdhj`, and end the process."""
     for number in (signal.SIGINT, signal.SIGTERM):  # end it at once, unless they are ignored
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop)

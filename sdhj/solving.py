@@ -46,7 +46,7 @@ def method_of(method: str | Method) -> Method:
 
 
 def default_method(problem: ReachAvoidProblem) -> Method:
-    """The method of a problem for which none is named: `HJI` with a number of steps, else `Certified`."""
+    """`HJI` with a number of steps, else `Certified`."""
     return Certified(seconds=SECONDS_FOR_EVER) if problem.steps is None else HJI()
 
 
@@ -66,44 +66,38 @@ def solve(
     ----------
     problem : ReachAvoidProblem
     method : {"hji", "projected", "lax", "certified"}, or Method, optional
-        A name stands for the default options of `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` or
-        `sdhj.Certified`, in this order; pass an object of the class for other options. By default "hji" or, for a
-        problem without a number of steps, `sdhj.Certified(seconds=10)`: what holds for ever needs a proof.
+        A name stands for `sdhj.HJI()`, `sdhj.Projected()` (Sec. 5.1), `sdhj.HopfLax()` or `sdhj.Certified()`. By
+        default "hji" or, without a number of steps, `sdhj.Certified(seconds=10)`: what holds for ever needs a proof.
     progress : bool, optional
-        Whether to show a progress bar, of tubes; by default if standard error is a terminal. For a problem without a
-        number of steps it shows the share of states that still change, and Ctrl-C returns the table so far.
+        By default if standard error is a terminal. Without a number of steps the bar shows the share of states that
+        still change, and Ctrl-C returns the table so far.
     store : path, optional
-        A folder in which the table is built entry by entry, bit for bit as in memory, for tables larger than that: what
-        has to fit is some 17 tubes, more where velocities depend on the state. Not for the method "certified" and for
-        `sdhj.solver.joint.Joint`.
+        A folder in which the table is built entry by entry, for those larger than memory, which has to hold some 17
+        tubes. Not for the method "certified" and for `sdhj.solver.joint.Joint`.
     resume : bool
-        Go on in a folder that an earlier solve of the same problem left unfinished; begin one if there is none.
+        Go on in a folder that an earlier solve left unfinished, if there is one.
     client : distributed.Client, optional
-        A Dask client whose workers solve the entries (extra `dask`). All of them must see the folder under the same
-        path.
+        Of Dask (extra `dask`), whose workers solve the entries. All must see the folder under the same path.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning;
-        without a target half of them from within a cell of the tube's boundary, against a greedy adversary. Of a
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning. Of a
         certified table whether to warn where it has next to nothing, and say what may help, by method "hji" on few
-        nodes. Whatever this meets becomes a warning.
+        nodes.
 
     Returns
     -------
     LookupTable; CertifiedTable for method "certified"
-        With a store its arrays are mapped; else `table.details["findings"]` has what is warned of on the way, each as a
-        list of a cause, a number that says how much of it, and what helps.
+        `table.details["findings"]` has what is warned of on the way: a cause, how much of it, and what helps.
 
     Raises
     ------
     ValueError
-        If an option is unknown, the method does not fit the problem or the store (only "certified" takes steps=None),
-        or an input takes more than 100,000 time steps in one interval.
+        If the method does not fit the problem or the store (only "certified" takes steps=None), or an input takes more
+        than 100,000 time steps in one interval.
     MemoryError
-        If more memory is needed than is available; raised before anything is solved.
+        Before anything is solved, if more memory is needed than is available.
     RuntimeError
-        If the checker does not prove a claim of a certified table that it has looked at: it names cell, input and step.
-        All of up to 200,000 claims are looked at, else a sample of some 100,000; `table.details["checked"]` says how
-        many, of how many.
+        If the checker does not prove a claim of a certified table: of up to 200,000 all are looked at, else a sample of
+        some 100,000; `table.details["checked"]` says how many, of how many.
     OSError, TableFileError
         If the store cannot be written, exists already, belongs to another problem or is damaged.
 
@@ -145,7 +139,7 @@ def solve(
 
 
 def _simulated_at_the_end(table: Table) -> dict[str, Any]:
-    """Counts of simulated runs of a solved table, for its details, with a warning of broken promises; {} without runs.
+    """Counts of simulated runs of a solved table, with a warning of broken promises; {} without runs.
 
     Whatever the runs raise, Ctrl-C too, becomes a warning, so that the table is not lost.
     """
@@ -163,7 +157,7 @@ def _simulated_at_the_end(table: Table) -> dict[str, Any]:
 
 
 def _checked_sets(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> TubeSets:
-    """The sets of a method, nothing of them solved; warns of what is wrong with unsafe sets and targets."""
+    """The sets of a method, nothing of them solved, with warnings of what is wrong with unsafe sets and targets."""
     if isinstance(method, Certified):  # whose sets take half the time of a solve
         check_sets(problem)
     sets = method.sets(problem, progress)
@@ -199,31 +193,26 @@ def load(
 ) -> "Table":
     """Read a table of any method: a file that its `save` wrote, or a folder that it was solved into.
 
-    Its arrays are mapped, that is read when they are asked for, unless they are compressed.
+    Its arrays are read when they are asked for, unless they are compressed.
 
     Parameters
     ----------
     path : path
     problem : ReachAvoidProblem, optional
-        The problem of the solve, up to the rounding of another machine; needed only if it has black boxes
-        (`sdhj.BlackBox`), whose functions a file cannot contain. If it has no number of steps, it gets the file's.
+        That of the solve, up to the rounding of another machine; needed only if it has black boxes. If it has no number
+        of steps, it gets the file's.
     check : bool, optional
-        Whether all arrays are read and compared with their digests, by which damage is found; by default of a table of
-        less than 1 GB. Head, names, types and shapes always are.
-
-    Returns
-    -------
-    LookupTable or CertifiedTable
-        Of the class that was saved.
+        Whether to compare all arrays with their digests, by which damage is found; by default of a table of less than 1
+        GB.
 
     Raises
     ------
     OSError
-        If there is no such file, if it cannot be read, or if it is a device.
+        If the file cannot be read.
     MemoryError
-        If a compressed table does not fit into the available memory.
+        If a compressed table does not fit.
     TableFileError
-        If the file is damaged, cut short, of another kind or of another version, or was solved for another problem.
+        If the file is damaged, of another kind or version, or was solved for another problem.
     ValueError
         If an argument has the wrong type.
 

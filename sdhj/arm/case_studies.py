@@ -51,7 +51,7 @@ class ArmScene:
     target: Disk | None  # TAR(t); None where the evader is the target
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the thick arm to the nearest obstacle's disk at time t; < 0 where they overlap."""
+        """Signed distance of the thick arm to the nearest obstacle's disk at time t."""
         return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
@@ -60,7 +60,7 @@ class ArmScene:
         return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the thick arm to the pursuer's disk, which is in the state; < 0 where they overlap."""
+        """Signed distance of the thick arm to the pursuer's disk, which is in the state."""
         return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
@@ -73,7 +73,7 @@ class ArmScene:
         return np.hypot(*(self.arm.tip(states[:, :2]) - states[:, 2:]).T) - self.agent_radius
 
     def _contact(self, disk: Disk) -> float:
-        """The distance between a disk's centre and the arm's skeleton at which the thick arm touches the disk."""
+        """The distance of a disk's centre from the arm's skeleton at which the thick arm touches the disk."""
         return disk.radius + self.arm.half_width
 
 
@@ -104,35 +104,28 @@ def arm_case_study(
     Parameters
     ----------
     nodes : int or sequence of 4 int
-        Grid nodes on each of the axes q1, q2 (periodic, [-pi, pi)) and px, py.
+        On each of the axes q1, q2 (periodic, [-pi, pi)) and px, py.
     steps : int
-        N, the number of sampling intervals.
+        N.
     view_time : {"swept", "sampled", "instantaneous"}
-        How the moving obstacles are treated within an interval; see `ReachAvoidProblem`.
+        See `ReachAvoidProblem`.
     kinematics : {"relative", "printed"}
         The textbook arm, with q2 measured from the first link, or Eq. (8) exactly as printed.
     delta : float
         Sampling interval, s.
     lengths, half_width : (float, float), float
-        The lengths of the two links, and half their thickness, m.
+        Of the two links, m.
     u_max, v_d_max, v_p_max : float
-        Bounds of each component of the input u and the disturbance v_d (rad/s, Eq. 9) and of the pursuer's velocity
-        v_p (m/s, Eq. 10).
+        Bounds of each component of u and v_d (rad/s, Eq. 9) and of the pursuer's velocity v_p (m/s, Eq. 10).
     input_levels : int
-        Samples of each input component from -u_max to u_max. Their square is L, the number of inputs, which are ordered
-        with the first component slowest.
+        Samples of each input component from -u_max to u_max; the first varies slowest.
     pursuer_radius, pursuer_box : float
-        The pursuer's radius, and half the side of the square that its centre stays in, m.
+        And half the side of the square that its centre stays in, m.
     target : Disk
-        The end-effector has to be in this disk at a sampling time. With `Disk`, `Still`, `Line` and `Circle` from
-        `sdhj.arm.workspace`: `Disk(Line((0.05, 0.2), (0.1, -0.05)), 0.06)`, from where, how fast, radius; m, s, rad.
+        Of the end-effector, with `Disk`, `Still`, `Line` and `Circle` from `sdhj.arm.workspace`: `Disk(Line((0.05,
+        0.2), (0.1, -0.05)), 0.06)`, from where, how fast, radius; m, s, rad.
     obstacles : sequence of Disk
-        What neither link may touch.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
+        For both links.
 
     Examples
     --------
@@ -164,24 +157,18 @@ def evader_case_study(
 ) -> ReachAvoidProblem:
     """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, while avoiding the obstacles.
 
-    The target set is the evader, so it depends on all four axes; only the obstacles are unsafe, and the arm may touch
-    the evader. The paper gives no numbers. The evader's centre stays in a square that is larger than the arm's reach,
-    so it can escape. Use the method "hji": the tubes of "projected" never grow beyond the target, because no state is
-    in the target for every position of the evader along a dropped axis.
+    The target set is the evader, so it depends on all four axes, and "projected" finds nothing: use "hji". Only the
+    obstacles are unsafe. The paper gives no numbers. The evader's square is larger than the arm's reach, so it can
+    escape.
 
     Parameters
     ----------
     nodes, steps, view_time, kinematics, delta, lengths, half_width, u_max, v_d_max, input_levels, obstacles
         As for `arm_case_study`.
     v_e_max : float
-        Bound of each component of the evader's velocity, m/s.
+        Of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
-        The evader's radius, and half the side of the square that its centre stays in, m.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
+        And half the side of the square that its centre stays in, m.
 
     Examples
     --------
@@ -197,7 +184,7 @@ BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "ev
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """The problem of a recipe, also of a file's: {"builder": a case study, "arguments": all, by name}."""
+    """The problem of a recipe: {"builder": a case study, "arguments": all, by name}."""
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
 
@@ -212,7 +199,7 @@ def as_built(problem: ReachAvoidProblem) -> bool:
 
 
 def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem) -> bool:
-    """Whether two problems are equal, up to the rounding of two machines; False where a function is a black box."""
+    """Whether two problems are equal, up to the rounding of two machines; never with a black box."""
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs"))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
     same = same and len({repr(each.numbers | each.numbers["grid"] | drop) for each in (one, other)}) == 1
@@ -230,7 +217,7 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
 
 
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe, unchanged; ValueError if its builder or the names of its arguments are not those of this version."""
+    """The recipe, if its builder and the names of its arguments are those of this version."""
     builder = recipe.get("builder") if isinstance(recipe, Mapping) else None
     if builder not in BUILDERS or set(recipe["arguments"]) != set(inspect.signature(BUILDERS[builder]).parameters):
         raise ValueError(
@@ -241,7 +228,7 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The recipe of a case study's call: all its arguments, checked, as plain numbers, lists and strings (JSON)."""
+    """The recipe of a case study's call: all its arguments, checked, as plain numbers, lists and strings."""
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
@@ -273,12 +260,12 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _agent(recipe: Mapping[str, Any]) -> str:
-    """What the adversary of a recipe moves: "pursuer" if it has a pursuer's radius, else "evader"."""
+    """What the adversary of a recipe moves: "pursuer" or "evader"."""
     return "pursuer" if "pursuer_radius" in recipe["arguments"] else "evader"
 
 
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:
-    """The workspace that a recipe of `_checked_recipe` describes; a target only if the adversary moves a pursuer."""
+    """The workspace that a recipe describes; a target only if the adversary moves a pursuer."""
     given, agent = recipe["arguments"], _agent(recipe)
     return ArmScene(
         arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
@@ -292,7 +279,7 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
 def _sets(workspace: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
-    """The target and the unsafe sets, obstacles (G1 of App. A.3) and pursuer (G2), which problems share."""
+    """The target and the unsafe sets, obstacles (G1 of App. A.3) and pursuer (G2)."""
     unsafe = list[UnsafeSet]()
     if workspace.obstacles:
         unsafe.append(UnsafeSet(JOINTS, workspace.obstacles_value, workspace.obstacles_swept_value, "obstacles"))

@@ -46,7 +46,7 @@ class Segment(NamedTuple):
         return self.at(self.length)
 
     def coordinates(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where points (..., 2) are, seen from the start: along the direction, and to its left; (...) each."""
+        """Where points (..., 2) are, seen from the start: along the direction, and to its left."""
         out, (x, y) = points - self.start, np.moveaxis(self.direction, -1, 0)
         return out[..., 0] * x + out[..., 1] * y, out[..., 1] * x - out[..., 0] * y
 
@@ -74,7 +74,7 @@ def _unit(angle: FloatArray) -> FloatArray:
 
 
 class _Path:
-    """Base of the paths of a point: dataclasses whose fields are checked, and converted to floats, when they are made.
+    """Base of the paths of a point, whose fields are checked when they are made.
 
     A path has its position `at(t)`, (*t.shape, 2), a bound `speed` on its speed, and `swept_distance(segment, t0, t1)`,
     the least distance (...) from segments to its trace over [t0, t1]; s, m, m/s.
@@ -139,7 +139,7 @@ class Circle(_Path):
         return np.asarray(self.centre) + self.radius * _unit(angle)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """The distance to the arc that it traces, as one between points of both: too small by rounding at most."""
+        """The distance to the arc that it traces: too small by rounding at most."""
         # A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
         # minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are
         # where the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays
@@ -164,7 +164,7 @@ PATH_KINDS: dict[str, type] = {"still": Still, "line": Line, "circle": Circle}
 
 @dataclass(frozen=True)
 class Disk:
-    """A disk whose centre moves along a path: a Still, Line or Circle; radius in m, zero for a point."""
+    """A disk whose centre moves along a Still, Line or Circle; radius in m."""
 
     path: Path
     radius: float
@@ -184,13 +184,13 @@ class Disk:
         return self.path.at(t)
 
     def describe(self) -> dict[str, Any]:
-        """The disk as plain numbers, lists and strings (JSON), which `Disk.of` reads back."""
+        """The disk as plain numbers, lists and strings, which `Disk.of` reads back."""
         plain = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self.path).items()}
         return {"radius": self.radius, "path": {"kind": type(self.path).__name__.lower(), **plain}}
 
     @classmethod
     def of(cls, disk: "Disk | Mapping[str, Any]") -> "Disk":
-        """`disk` itself if it is a Disk, else the disk that a dictionary of `describe` stands for."""
+        """A Disk, also from a dictionary of `describe`."""
         if isinstance(disk, cls):
             return disk
         try:
@@ -223,7 +223,7 @@ class Arm:
         option("kinematics", self.kinematics, KINEMATICS)
 
     def links(self, q: FloatArray) -> tuple[Segment, Segment]:
-        """The two links at joint angles q (..., 2): from the base to the elbow, and from there to the tip."""
+        """The two links at joint angles q (..., 2), from the base to the tip."""
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")
@@ -243,7 +243,7 @@ class Arm:
         return self.joints(q)[1]
 
     def distance(self, q: FloatArray, points: FloatArray) -> FloatArray:
-        """Distance from the skeleton, the links without their width, to points (2,) or (M, 2): (M,), m."""
+        """Distance from the skeleton to points (2,) or (M, 2): (M,), m."""
         upper, lower = self.links(q)
         if points.shape not in ((2,), lower.start.shape):
             raise ValueError(f"points must have shape (2,) or {lower.start.shape}, got {points.shape}")
@@ -256,7 +256,7 @@ class Arm:
         return np.minimum(path.swept_distance(upper, t0, t1), path.swept_distance(lower, t0, t1))
 
     def outline(self, q: Sequence[float] | FloatArray, arc_points: int = 12) -> FloatArray:
-        """The closed outline of the region R(q) that the arm occupies at q (2,), for drawing: (V, 2), m.
+        """The closed outline of the arm at q (2,), for drawing: (V, 2), m.
 
         It lies inside the true outline, by less than half_width * (pi / (4 * arc_points))**2.
         """

@@ -22,7 +22,7 @@ Displacement = tuple[tuple[Fraction, Fraction], ...]  # the least and the greate
 
 
 def axes_alone(problem: ReachAvoidProblem) -> list[int]:
-    """The target's axes, if these are a problem of their own, all steady (`is_steady`), and not all axes; else []."""
+    """The target's axes, if these are a problem of their own, all steady, and not all axes; else []."""
     own = [] if problem.has_no_target else list(problem.target.axes)
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
@@ -30,7 +30,7 @@ def axes_alone(problem: ReachAvoidProblem) -> list[int]:
 def share_proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
     """The share of the states at step 0 that are proved to reach the target within `steps` steps by its axes alone.
 
-    `axes` are the cells of `axes_alone`. The recursion is that of Theorem 2 with nothing unsafe.
+    Nothing is unsafe.
     """
     moves = list(dict.fromkeys(_displacement(problem, j) for j in range(len(problem.inputs))))
     bounds, still = Bounds(problem), ((Fraction(0), Fraction(0)),) * len(axes)
@@ -50,12 +50,12 @@ def share_proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], ste
 
 
 def _displacement(problem: ReachAvoidProblem, j: int) -> Displacement:
-    """The least and the greatest displacement in one interval under u_j along each of the target's axes, exactly."""
+    """The least and the greatest displacement in one interval under u_j along each of the target's axes."""
     return tuple(moved_bounds(problem, axis, j) for axis in problem.target.axes)
 
 
 def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: float) -> FloatArray:
-    """Whether each cell, its ends displaced by `move`, is proved to lie in the target at time t: bool (*counts)."""
+    """Whether each cell, displaced by `move`, is proved to lie in the target at time t: (*counts)."""
     edges = [axis.edges() for axis in axes]
     sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]
     sides += [[own[1:] + float(ahead) for own, (_, ahead) in zip(edges, move, strict=True)]]
@@ -65,7 +65,7 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: 
 
 
 def _cells_leading_into(axes: Sequence[CellAxis], moves: Sequence[Displacement], inside: FloatArray) -> FloatArray:
-    """Which cells at least one of `moves` leads into the set `inside`, with images of whole cells: bool (*counts)."""
+    """Which cells at least one of `moves` leads into the set `inside`, with images of whole cells: (*counts)."""
     led: dict[Displacement, FloatArray] = {(): inside}
     for move in moves:
         for k, axis in enumerate(axes):

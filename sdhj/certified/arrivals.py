@@ -31,8 +31,7 @@ def sites_of(
 ) -> tuple[FloatArray, tuple[int, int, int]]:
     """The strides of sites, (ndim,) int64, and the shape (starts, sites, bytes) of the array `GeneralProof.arrives`.
 
-    A cell is at the site sum(cell * strides); all is 0 where images are judged by cells alone, without a target or with
-    `Sensing`. `depends` (ndim,) are the axes of a place.
+    All is 0 where images are judged by cells alone, without a target or with `Sensing`.
     """
     strides = np.zeros(len(axes), np.int64)
     if problem.has_no_target or problem.sensing:
@@ -48,7 +47,7 @@ def sites_of(
 class Arrivals:
     """Finds which inputs lead all of a cell's image into the target itself, and marks them in `GeneralProof.arrives`.
 
-    `add` is called once for each start, input and range of places, while the proof is prepared.
+    `add` is called once for each start, input and range of places.
     """
 
     def __init__(self, proof: Any) -> None:
@@ -57,10 +56,7 @@ class Arrivals:
         self.most = max(MOST_PIECES // (max(starts, len(proof.arrives)) * count), 1 << 12)
 
     def add(self, start: int, j: int, places: FloatArray, last: FloatArray) -> None:
-        """Set the bit of u_j in `proof.arrives`, in place, at each site of places (M,) that u_j leads into the target.
-
-        last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the end of the interval.
-        """
+        """Set the bit of u_j in `proof.arrives` at each site of places (M,) that u_j leads into the target."""
         arrives, proof = self.proof.arrives, self.proof
         if not len(arrives):
             return
@@ -75,8 +71,8 @@ class Arrivals:
     def _mark(self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]) -> None:
         """Set the bit of u_j in `proof.arrives`, in place, for places (M,) and the interval from one step.
 
-        It is set where all of the image, with twice the shell around it, is proved to be inside the target at the
-        interval's end; along the `free` axes, of the target and of no place, every cell is asked about.
+        It is set where all of the image, with twice the shell around it, is inside the target at the interval's end;
+        along the `free` axes every cell is asked about.
         """
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)
         own, near = proof.cells_at(places), self._cells_near_target(step)
@@ -100,10 +96,7 @@ class Arrivals:
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _moved_indices(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
-        """The indices along one axis of the cells `own` (M, ndim), moved on by `by` (M,): broadcasts to (M, *free).
-
-        Along an axis in `free` the index in `own` counts as 0, and the result has one entry for every cell of the axis.
-        """
+        """The indices along one axis of cells (M, ndim), moved on by `by` (M,): broadcasts to (M, *free)."""
         cells, shape = self.proof.axes[axis], [-1] + [1] * len(free)
         at = (own[:, axis] + by).reshape(shape)
         if axis in free:

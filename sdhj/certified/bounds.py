@@ -30,8 +30,7 @@ Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), 
 class Bounds:
     """Bounds on the velocity and on the level-set functions of a problem, over boxes of states and intervals of time.
 
-    Only the part of a box that is on the grid counts. Bounds are infinite where a function may be undefined; ValueError
-    from any method where a black box declares too little. Boxes are given by their corners, `low` and `high`.
+    Only the part of a box that is on the grid counts. Bounds are infinite where a function may be undefined.
     """
 
     problem: ReachAvoidProblem
@@ -44,10 +43,7 @@ class Bounds:
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """A bound from below (side 0) or from above (side 1) on the velocity along one axis in boxes (M, ndim): (M,).
-
-        It is the entry [side, :, axis] of `velocity`.
-        """
+        """The entry [side, :, axis] of `velocity`: (M,)."""
         dynamics, grid = self.problem.dynamics, self.problem.grid
         if not dynamics.formulas or dynamics.gain is None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
@@ -58,10 +54,7 @@ class Bounds:
     def bounds_of_level_set(
         self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float, function: Any = None
     ) -> FloatArray:
-        """Lower and upper bounds of a set's level-set function over boxes (M, axes) of its axes, t0 to t1: (2, M).
-
-        A `function` of these axes is bounded in place of it.
-        """
+        """Lower and upper bounds of a set's level-set function over boxes (M, axes) of its axes, t0 to t1: (2, M)."""
         bounded = (function or part.level_set).bounds_by_branch
         return within_grid(self.problem.grid, part.axes, low, high, lambda a, b: bounded(a, b, (t0, t1)))
 
@@ -77,9 +70,8 @@ class Bounds:
     ) -> FloatArray:
         """The sign that a level-set function has in all of a box at all times: 1 where > 0, -1 where <= 0, else 0.
 
-        int8 (n1, n2, ...), for the products of n1 ascending intervals `low` to `high` along the set's first axis, n2
-        along the second, and so on; 0 where both signs occur, or nothing is proved. A box of open sign is cut in two
-        along each axis, `halvings` times at most; one that is not `asked` has the sign of its tile.
+        int8 (n1, n2, ...), for the products of ascending intervals `low` to `high` along the set's axes. A box of open
+        sign is cut in two along each axis, `halvings` times at most; one that is not `asked` has the sign of its tile.
         """
         level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
@@ -121,8 +113,7 @@ class Bounds:
     ) -> FloatArray:
         """Whether a level-set function is proved <= 0 in all of each box (M, axes) and at all `times`, s: (M,) bool.
 
-        A box of open sign is cut in two along each axis, `halvings` times at most, to `most` pieces together; one that
-        is still open then is False.
+        A box of open sign is cut in two along each axis, `halvings` times, to `most` pieces together; then it is False.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -189,11 +180,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
 def _boxes_in_batches(
     places: FloatArray, low: Sequence[FloatArray], high: Sequence[FloatArray]
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other.
-
-    at (m,) is the run, lower and upper (m, axes) are the corners of these boxes of the product of the intervals from
-    low[k] to high[k].
-    """
+    """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other."""
     sizes = np.array([ends.size for ends in low])
     ends = np.zeros((2, len(low), sizes.max()))
     for side, k in np.ndindex(2, len(low)):

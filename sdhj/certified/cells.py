@@ -51,9 +51,8 @@ POWERS = range(-40, 41)  # of two, in which decimals are looked for
 def as_fraction(value: float) -> Fraction:
     """The decimal that `value` is written as, as a fraction: 0.3 is three tenths.
 
-    Of all decimals times a power of two that round to this float, it is the one of fewest digits, so 0.3 / 1024 is
-    three tenths over 1024; where even that has more than `EXACT_DIGITS` digits, it is the float itself. The checker
-    reads numbers so, too, and refuses what is read otherwise.
+    Of all decimals times a power of two that round to this float, the one of fewest digits, so 0.3 / 1024 is three
+    tenths over 1024; with more than `EXACT_DIGITS` digits the float itself. The checker reads numbers so, too.
     """
     return _decimal(float(value), "", EXACT_DIGITS) or Fraction(value)
 
@@ -66,10 +65,7 @@ def as_rounded_fraction(value: float) -> Fraction:
 
 @lru_cache(maxsize=4096)
 def _decimal(value: float, form: str, most: int) -> Fraction | None:
-    """The decimal, times a power of two, of fewest digits that a number is written as; None for more than `most`.
-
-    In the `form` "" it is off the number by at most half a unit in the last place, in ".12g" by 5e-13 of it.
-    """
+    """The decimal, times a power of two, of fewest digits that a number is written as; None for more than `most`."""
     part, power = math.frexp(value)
     tried = [(value, 0), *((math.ldexp(part, by), power - by) for by in POWERS)]
     found = [(_digits(text := format(one, form) if form else repr(one)), text, by) for one, by in tried]
@@ -95,8 +91,7 @@ class CellAxis:
     """The cells of one axis, from its lower end on; the last one is cut at the upper end.
 
     Cell i is [lower + i * width, lower + (i + 1) * width]. There may be a layer, a cell of no width, before the first
-    and behind the last of these cells; layers count as cells and have indices, so with one at the lower end this is
-    cell i + 1. ValueError where the last cell would be narrower than what is not known of the period.
+    and behind the last: with one at the lower end this is cell i + 1.
     """
 
     lower: Fraction
@@ -140,11 +135,7 @@ class CellAxis:
         return lengths / lengths.sum()
 
     def image(self, back: Fraction, ahead: Fraction) -> tuple[IndexArray, IndexArray]:
-        """The cells that everything in each cell may be in after a displacement in [back, ahead]: two (count,) int64.
-
-        Of cell i they are first[i] to first[i] + number[i] - 1, modulo `count`; on a bounded axis they are clipped to
-        it.
-        """
+        """The first of the cells that each may be in after a displacement in [back, ahead], and how many: (count,)."""
         cell = np.arange(self.count)
         first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))
         if not self.periodic:
@@ -155,8 +146,8 @@ class CellAxis:
         """The first and the last cell that each cell (M,) overlaps after its ends have moved by low and high: offsets.
 
         What sticks out of a cell by no more than `DRIFT` of the scale counts as inside it. Offsets are not clipped at
-        the ends of the axis, unless there are layers, but to `UNCOUNTABLE`, which undefined ones are. Where the cell is
-        not `known`, the answer is that for any cell of full width.
+        the ends of the axis, unless there are layers, but to `UNCOUNTABLE`. Where the cell is not `known`, it is any
+        cell of full width.
         """
         width, drift = float(self.width), DRIFT * self.scale
         if any(self.layers):
@@ -172,7 +163,7 @@ class CellAxis:
         return _whole_cells(first - cell), _whole_cells(np.maximum(last, first) - cell)
 
     def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
-        """`moved` on an axis with layers; low and high are larger and smaller by what may stick out of a cell.
+        """`moved` on an axis with layers.
 
         An image is in the layer at a wall where all of it is held at that wall; no other image overlaps a layer.
         """
@@ -241,10 +232,7 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
 
 
 def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> Cells:
-    """The cells of all axes as arrays for compiled code, those of all but `rows` leading axes packed into bits.
-
-    A layer is there a cell of full width outside the wall, so states at the wall are on its border.
-    """
+    """The cells of all axes as arrays for compiled code, those of all but `rows` leading axes packed into bits."""
     return Cells(
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
         width=np.array([float(axis.width) for axis in axes]),
@@ -270,10 +258,9 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """The least and the greatest velocity along one axis under input j; only for an axis that `is_steady`.
+    """The least and the greatest velocity along a steady axis under input j.
 
-    Of constant dynamics drift -+ sum |gain| bounds, exactly, of the numbers as `as_rounded_fraction` reads them; of
-    others its reading of the bounds that formulas have.
+    Of constant dynamics drift -+ sum |gain| bounds, of the numbers as `as_rounded_fraction` reads them.
     """
     return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
 
@@ -293,7 +280,7 @@ def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fra
 def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
     """E along one axis, how far a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
 
-    Only for constant dynamics; slow and fast are the least and the greatest velocity under any one input.
+    Only for constant dynamics.
     """
     if not problem.sensing:
         return Fraction(0)
@@ -305,8 +292,7 @@ def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     """The least and the greatest displacement of a prediction along a steady axis in an interval under input j.
 
-    Velocity times any length that the interval may have, widened by 2 E: from the prediction at the begin to the one at
-    the end. For a controller that remembers the next point is the one that is carried on, and nothing is widened.
+    Velocity times any length that the interval may have, widened by 2 E, unless the controller remembers.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * prediction_error_along(problem, axis)
@@ -341,8 +327,8 @@ def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis,
 def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]) -> list[CellAxis]:
     """The cells of one axis, with its layers, for each of `wishes`, about how many there are to be, each at least 1.
 
-    Where the axis `is_steady`, widths divide what inputs and disturbance move a state by in an interval and, unless it
-    is periodic, the axis, as far as `aligned_width` can.
+    Where the axis `is_steady`, widths divide what inputs and disturbance move a state by and, unless it is periodic,
+    the axis.
     """
     grid, layers, moves = problem.grid, layers_of(problem, axis), set()
     single = axis_of(grid, axis, 2 * Fraction(grid.upper[axis] - grid.lower[axis]), layers)  # a cell that is too wide

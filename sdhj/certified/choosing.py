@@ -135,11 +135,7 @@ class Speeds(NamedTuple):
 
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
-    """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores.
-
-    By the model in the module docstring. Fewer cells where memory (`MOST_BYTES`) is what is short, or where more would
-    prove hardly more (`WORTH`).
-    """
+    """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores."""
     speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
     steps, most = losing_steps(problem, speeds), MOST_OF_AN_AXIS / max(_lengths_led(problem, speeds), 1.0)
     numbers = 2 * FINER ** np.arange(1 + int(max(math.log(most / 2, FINER), 0.0)))
@@ -200,10 +196,7 @@ def _best(
 def _words_filled(
     problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], places: Sequence[int]
 ) -> list[dict[int, int]]:
-    """Choices for the axis along which sets are packed that fill words of 64 cells: {axis: index}, a few.
-
-    A word less than a choice of cells takes there, as many, and one more; [] where each cell is led by itself.
-    """
+    """Choices for the axis along which sets are packed that fill words of 64 cells: {axis: index}, a few."""
     axes = _picked(cells, places)
     depends = place_axes(problem, axes)
     packed = packed_axis(problem.grid, axes, depends)
@@ -217,8 +210,8 @@ def _words_filled(
 def _not_held_up(cells: Sequence[Sequence[CellAxis]], lost: FloatArray) -> list[dict[int, int]]:
     """For each axis the fewest cells with which inputs lead on: {axis: index}; no entry where any number does.
 
-    With twice as many cells half is lost, where losses are linear. But an input that moves by less than a cell leads
-    nowhere: there what is lost times the number of cells is more than `HELD_UP` times the least of all choices.
+    An input that moves by less than a cell leads nowhere: there what is lost times the number of cells, else about
+    constant, is more than `HELD_UP` times the least of all choices.
     """
     each = lost * [[axis.count for axis in own] for own in cells]
     first = [int(np.argmax(own <= HELD_UP * own.min())) for own in each]
@@ -284,8 +277,7 @@ def _by_axes_alone(
     """The choice of cells, an index for each axis, by which most is kept of what the target's axes prove by themselves.
 
     Kept is what the recursion on these axes proves, times exp(-l). In l their widths count `TUBES` times, since tubes
-    of wide cells meet unsafe sets, and losses on the others `LEFT` times, for each unit of what unsafe sets' boundaries
-    take of the states outside. [] where nothing is kept, or the axes are no problem of their own.
+    of wide cells meet unsafe sets, and losses on the others `LEFT` times. [] where nothing is kept.
     """
     alone, steps = axes_alone(problem), losing_steps(problem, speeds)
     if not alone:
@@ -315,9 +307,8 @@ def _led_far(
 ) -> list[dict[int, int]]:
     """Choices of cells for the axes `alone`, from few cells to many: {axis: index of its choice in cells[axis]}.
 
-    Along an axis those are the widest cells of which the farthest displacement by an input passes k whole cells, for k
-    = 1, 2, ..., or else all; of all axes those are combined that lose about alike by `m` (ndim,), with at most `most`
-    images.
+    Along an axis those are the widest cells of which the farthest displacement passes k whole cells, for k = 1, 2, ...;
+    those are combined that lose about alike by `m` (ndim,), with at most `most` images.
     """
     some, out = {}, list[dict[int, int]]()
     for axis in alone:
@@ -349,8 +340,7 @@ def _spread(
     """The choice of cells, an index for each axis, that loses least of all that `seconds` and memory pay for.
 
     Each axis has the choice of least factor * lost / share^(1 - SHARPNESS) + log(number of cells), share being what a
-    single cell as wide as the axis would lose; the factor, one for all axes, is found by bisection. Where even the
-    smallest factor does not fit, its choices are returned all the same. Axes in `given` have their choice.
+    single cell would lose; the factor is found by bisection. Axes in `given` have their choice.
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
@@ -403,7 +393,7 @@ def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
 
 
 def _lengths_led(problem: ReachAvoidProblem, speeds: Speeds) -> float:
-    """How many times its axis a coordinate moves in an interval, about twice of the most; 0 if that is undefined."""
+    """How many times its axis a coordinate moves in an interval, about twice of the most."""
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     led = 2 * problem.delta * float((np.abs(speeds.extremes).max(axis=0) / extent).max())
     return led if math.isfinite(led) else 0.0
@@ -412,8 +402,8 @@ def _lengths_led(problem: ReachAvoidProblem, speeds: Speeds) -> float:
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
     """What a set loses of itself to the cells of each axis, in `losing_steps` steps: (3, ndim).
 
-    Rows 0 and 1 are for each unit of a cell's width, what is lost at once and what is lost in all steps together; their
-    sum is c of the module docstring. Row 2 is for each unit of what `rounded_out` returns, in all steps together.
+    Rows 0 and 1 are for each unit of a cell's width, at once and in all steps together; their sum is c of the module
+    docstring. Row 2 is for each unit of `rounded_out`.
     """
     m, turned = _crossings(problem), problem.delta * speeds.wider
     rounded = np.array([not is_steady(problem, axis) for axis in range(m.size)])
@@ -444,11 +434,10 @@ def lost_to(
 def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, displaced: "Displacements") -> FloatArray:
     """By how much images in whole cells fall short of the displacements by the inputs along a steady axis: (n,).
 
-    In the axis's unit, a mean over directions. Along each let the input that leads farthest lead by P, and the one that
-    leads farthest in whole cells by P': then P - P' is lost, in P / P' times as many steps, at most `SLOWED` times.
-    Where the velocity depends on the coordinate and there is a target, what the image ends too late by is added, as it
-    misses the target as well. Where all inputs move the coordinate alike, it is half of what rounding adds to both
-    ends.
+    A mean over directions. Along each let the input that leads farthest lead by P, and in whole cells by P': then P -
+    P' is lost, in P / P' times as many steps, at most `SLOWED` times. Where the velocity depends on the coordinate and
+    there is a target, what the image ends too late by is added. Where all inputs move the coordinate alike, it is half
+    of what rounding adds to both ends.
     """
     drift, out = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis])), np.zeros(len(widths))
     at = displaced.axes.index(axis)
@@ -488,7 +477,7 @@ class Displacements(NamedTuple):
 
 
 def _displacements(problem: ReachAvoidProblem) -> Displacements | None:
-    """The `Displacements` of a problem, n being `DIRECTIONS`, or 1 if inputs differ along one axis at most, or None."""
+    """The `Displacements` of a problem, n being `DIRECTIONS`, or 1 along one axis, or None."""
     axes = [axis for axis in range(problem.grid.ndim) if is_steady(problem, axis)]
     if not axes:
         return None
@@ -506,8 +495,7 @@ def _displacements(problem: ReachAvoidProblem) -> Displacements | None:
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
     """m (ndim,): how often lines along each axis cross the boundary of a set, for each unit of length inside it.
 
-    Added up over the target, each unsafe set and unsafe ends; of what is `left`, unsafe sets alone, for each unit
-    outside.
+    Of what is `left`, unsafe sets alone, for each unit outside.
     """
     grid, out = problem.grid, np.zeros(problem.grid.ndim)
     if not left:
@@ -633,11 +621,7 @@ def _cost_by_cells(
     speeds: Speeds,
     tubes: float,
 ) -> float:
-    """Seconds to mark the cells of which `tubes` may meet an unsafe set, by the corners of tubes in sums of boxes.
-
-    Lines of cells are looked at in segments, those that meet something cell by cell, for the whole interval and for its
-    first part; and in all other parts the cells beside the boundary, from where a tube may get to it.
-    """
+    """Seconds to mark the cells of which `tubes` may meet an unsafe set, by the corners of tubes in sums of boxes."""
     own, border = list(unsafe_set.axes), _border(problem, unsafe_set)
     spans = parts * problem.most_steps if unsafe_set.moving else 1  # of which each has boxes of its own
     counts, widths = np.array([axes[k].count for k in own]), np.array([float(axes[k].width) for k in own])

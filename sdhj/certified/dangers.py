@@ -36,7 +36,7 @@ class Dangers(NamedTuple):
 
 
 def dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
-    """All dangers of a problem, those of different axes apart; the axes are those that the checker asks for."""
+    """All dangers of a problem, those of different axes apart, as the checker asks for them."""
     return problem.remembered("dangers of cells", lambda: _dangers_of(problem))
 
 
@@ -66,7 +66,7 @@ def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
 
 
 def kept_together(dangers: Sequence[Dangers]) -> tuple[Dangers, ...]:
-    """Dangers whose bits are kept as one: those of fewer axes with those of more, where that takes no more memory.
+    """Those of fewer axes together with those of more, where that takes no more memory.
 
     Files have them in this order, and are refused with another.
     """

@@ -36,11 +36,7 @@ NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails.
-
-    The state's cell is explained or, with sensing, a cell that the state may be measured in and that is not certified.
-    ValueError if q, step or within does not fit.
-    """
+    """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails."""
     problem, step = table.problem, whole("step", step, least=0, most=table.steps)
     step, within = table.clipped(step, within)
     state = finite_array("a state", q, (len(table.axes),))[None]
@@ -134,7 +130,7 @@ def scanty_finding(table: Any) -> Finding | None:
 
 
 def advice_for_ever(table: Any) -> list[str]:
-    """What may help where nothing is certified for ever, as texts: longer intervals, cells where it creeps, no axis."""
+    """What may help where nothing is certified for ever: longer intervals, cells where it creeps, no axis."""
     problem, names = table.problem, table.problem.grid.names
     if not (table.details.get("endless") and problem.has_no_target) or table.fraction():
         return []
@@ -151,7 +147,7 @@ def advice_for_ever(table: Any) -> list[str]:
 
 
 def advice_to_leave_out(problem: ReachAvoidProblem) -> list[str]:
-    """Advice, for each axis that no velocity and no unsafe set reads, to leave it out, with what that gives up."""
+    """Advice, for each axis that no velocity and no unsafe set reads, to leave it out."""
     grid, out = problem.grid, []
     read: Any = problem.dynamics.reads.any(axis=0)
     fails = grid.ends_where("fails")
@@ -195,8 +191,8 @@ class _Cell:
     def image_failure(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube is clear: which cells of its image are not certified.
 
-        `Failure.short` is minus their share of the image; `by` is "rounding" where the state alone leads to certified
-        cells only, else "image", and empty where all are certified.
+        `short` is minus their share; `by` is "rounding" where the state alone leads to certified cells only, else
+        "image".
         """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         counts, lost = self.table.cells.counts, cells[missing]
@@ -220,10 +216,7 @@ class _Cell:
         return not self.covering(low, np.maximum(np.ceil(end).astype(np.int64) - 1, low))[1].any()
 
     def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The cells (M, ndim) of the box from low to high (ndim,), inclusive, and which are not certified next: (M,).
-
-        Indices are clipped on bounded axes; on periodic ones they count on over the seam, at most one lap.
-        """
+        """The cells (M, ndim) of the box from low to high, inclusive, and which are not certified next: (M,)."""
         known, table = self.table.cells, self.table
         high = np.where(known.periodic, np.minimum(high, low + known.counts - 1), np.clip(high, 0, known.counts - 1))
         low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
@@ -248,9 +241,8 @@ class _Cell:
     def depths(self, j: int, box: FloatArray) -> Iterator[tuple[str, FloatArray]]:
         """Yield for each end and unsafe set its name and how far the tube of a box (2, ndim) stays from it: (parts,).
 
-        Lower bounds, one for each part of the interval, <= 0 where the tube of u_j may meet the set: in the axis's unit
-        for an end, level-set values for a set. Ends that are not unsafe are infinitely far; sets that are not unsafe
-        under u_j are left out.
+        Lower bounds for each part of the interval, <= 0 where the tube of u_j may meet it: in the axis's unit for an
+        end, level-set values for a set.
         """
         tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)

@@ -67,23 +67,20 @@ def export_c(
     Parameters
     ----------
     table : CertifiedTable
-        Of a problem without delay; measurements may err. If it is for a controller that remembers, the file gains 4
-        bytes an axis, an input and a cell of the axes that images depend on: 16 kB of 400 x 400 cells and 5 inputs
-        whose speed alone counts. The loop is then `sdhj_step`, or `Exported.loop`.
+        Of a problem without delay. If it is for a controller that remembers, the file gains 4 bytes an axis, an input
+        and a cell of the axes that images depend on, and the loop is `sdhj_step`, or `Exported.loop`.
     folder : path
-        It is made where it does not exist; files of an earlier export are replaced.
+        Made where it does not exist.
     rule : {"deepest", "effort", "target", "clearance", "small"}, optional
-        Which proved input `sdhj_select` prefers: a rule of `sdhj.Controller`, asked at the centre of each cell; or
-        "small": the one that is proved in most cells, so that neighbours have the same and the file is small. By
-        default "deepest", and "small" where "select" is all that is exported.
+        Which proved input `sdhj_select` prefers, asked at the centre of each cell; "small": the one that is proved in
+        most cells, for a small file, by default where "select" is all that is exported, else "deepest".
     only : sequence of {"steps", "select", "safe", "filter", "clear"}
-        What the file answers: the steps to go; one input; all inputs that lead to the target in the fewest steps; all
-        after which it can still be reached in time; all that stay clear for one interval, for `sdhj_fallback`. The
-        less, the smaller the file.
+        What the file answers: the steps to go; one input; all inputs of the fewest steps; all after which the target
+        can still be reached in time; all that stay clear for one interval, for `sdhj_fallback`.
     brake : int, optional
-        The index of the input to apply where nothing is proved; by default the first one of least norm.
+        The input where nothing is proved, by index; by default the first of least norm.
     progress : bool, optional
-        Whether to show a progress bar; by default if standard error is a terminal.
+        By default if standard error is a terminal.
 
     Returns
     -------
@@ -93,8 +90,8 @@ def export_c(
     Raises
     ------
     ValueError
-        If the table is not certified, its measurements have a delay, it has too many inputs or would take more than
-        4 GB, or an option does not fit.
+        If the table is not certified, its measurements have a delay, it has too many inputs or would take more than 4
+        GB.
     OSError
         If the folder cannot be written.
 
@@ -128,7 +125,7 @@ def export_c(
 
 
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
-    """The fields named in `only`, each once, in the order of `FIELDS`; one name may be given as a text."""
+    """The fields named in `only`, each once, in the order of `FIELDS`."""
     only = (only,) if isinstance(only, str) else tuple(only)
     for one in only:
         option("only", one, FIELDS)
@@ -138,7 +135,7 @@ def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
 
 
 def _exportable(table: Any) -> ReachAvoidProblem:
-    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs."""
+    """The problem of a `CertifiedTable`, without delay, of few enough inputs."""
     if not isinstance(table, CertifiedTable):
         raise ValueError(
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
@@ -155,10 +152,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
 
 
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
-    """The indices of all inputs, those first that are proved at step 0 in the most of `DRAWN_CELLS` random cells.
-
-    For a `Rule`: the first proved input of this order is preferred.
-    """
+    """The indices of all inputs, those first that are proved at step 0 in the most of `DRAWN_CELLS` random cells."""
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
@@ -170,8 +164,7 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
 def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
     """The words of cells (M, ndim) at a step, with the given fields, as bytes of the file: (M, bytes) uint8.
 
-    A cell that is not certified has `NO_INPUT` and no inputs; one in the target where no input is chosen has `ARRIVED`.
-    The cells come in lines along `table.proof.along`, as `InLines.cells` returns them.
+    A cell that is not certified has `NO_INPUT`; one in the target where no input is chosen `ARRIVED`.
     """
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
     within, every = left if table.problem.has_no_target else min(1, left), None
@@ -202,8 +195,7 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
 class Packer:
     """The different words and bodies of blocks of an exported file, each kept once and known by a number.
 
-    Call `add` for the words of every piece of cells first, then `pack` for blocks of their numbers, which the caller
-    keeps in `blocks`, by block, in the file's order.
+    Call `add` for the words of every piece of cells first, then `pack` for blocks of their numbers.
     """
 
     def __init__(self, size: int) -> None:
@@ -236,7 +228,7 @@ class InLines:
     """The cells of a table in whole blocks, and the blocks in pieces of work of at most about `CELLS_AT_ONCE` cells.
 
     A piece is one row of blocks along each of the first few axes, and all blocks along the others; `work` has the step
-    and the rows of each, in the order of the file. Its cells come in lines along the axis `along`.
+    and the rows of each.
     """
 
     def __init__(self, table: CertifiedTable) -> None:
@@ -306,7 +298,7 @@ def file_of(
 ) -> bytes:
     """The bytes of `sdhj_table.bin`: the head with its digest, and the parts that the module docstring names.
 
-    `packer` has packed all blocks, of `sides` (ndim,) cells. ValueError above 4 GB.
+    ValueError above 4 GB.
     """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
@@ -356,8 +348,7 @@ def file_of(
 def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
     """The images of cells for a controller that remembers: (steps, masks, images), the last two for each axis.
 
-    A mask has a bit for each axis on which images along its axis depend; images are (steps, L, places, 2) int16, the
-    first and the last cell less the cell's own index, a place being all cells alike on the axes of the mask.
+    Images are (steps, L, places, 2) int16, the first and the last cell less the cell's own index.
     """
     problem = table.problem
     starts, masks, images = problem.steps if problem.dynamics.depends_on_time else 1, list[int](), list[FloatArray]()
@@ -377,11 +368,7 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 
 
 def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
-    """Random states with checksums of Python's answers about them, for `sdhj_selftest`: (TESTS, ndim + 1) uint16.
-
-    State i is asked about at step i % (N + 1), or 0 where nothing depends on time, with the wanted input i % L, as in
-    C.
-    """
+    """Random states with checksums of Python's answers, for `sdhj_selftest`: (TESTS, ndim + 1) uint16."""
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
     # a state is written in 65535ths of a range longer than the axis: some are off the grid
@@ -405,11 +392,11 @@ def python_answers(
     rule: Rule,
     brake: int,
 ) -> list[bytes]:
-    """Python's answers for states (M, ndim) at a step: M strings of bytes, of which `sdhj_selftest` makes checksums.
+    """Python's answers for states (M, ndim) at a step, as bytes of which `sdhj_selftest` makes checksums.
 
-    For each of "steps", "select" and "filter", asked about `wanted` (M,), a status, one byte, and a value, four, as
-    `sdhj.h` has them; then, of a state on the grid, such pairs for the safe inputs and for those that stay clear, and
-    for a controller that remembers the first and the last cell of the image under the wanted input along each axis.
+    For each of "steps", "select" and "filter", asked about `wanted` (M,), a status, one byte, and a value, four; then
+    such pairs for the safe inputs and those that stay clear, and for a controller that remembers the image along each
+    axis.
     """
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
@@ -571,10 +558,9 @@ QUESTIONS = ("steps_to_go", "select", "fallback", "filter", "filter_command", "s
 class Exported:
     """An exported table, whose methods ask the C of `sdhj.h` about states (M, ndim) at a step.
 
-    The header is compiled at the first question and then kept. A method for each of `QUESTIONS` returns the status of
-    every state, (M,) int, 0 where the answer counts (`sdhj.h` has the others), and the answers: (M,) int of
-    `steps_to_go`, `select`, `fallback`, `filter` and `filter_command`, (M, L) bool of `safe_inputs` and `clear_inputs`.
-    OSError where there is no C compiler.
+    A method for each of `QUESTIONS` returns the status of every state, (M,) int, 0 where the answer counts (`sdhj.h`
+    has the others), and the answers: (M,) int of `steps_to_go`, `select`, `fallback`, `filter` and `filter_command`,
+    (M, L) bool of `safe_inputs` and `clear_inputs`. OSError where there is no C compiler.
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
@@ -600,11 +586,10 @@ class Exported:
         step : int
             Not used where nothing depends on time.
         wanted : array, optional
-            For "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m), or one
-            for all states; by default index 0, or zeros.
+            For "filter" indices (M,), for "filter_command" commands (M, m), or one for all states; by default 0.
         first : bool
-            Of a table for a controller that remembers, whether all states are first measurements of loops. Others have
-            the status -9, except of "fallback" and "clear_inputs": `loop` carries points on.
+            Of a table for a controller that remembers, whether all states are first measurements of loops; `loop`
+            carries points on.
 
         Raises
         ------
@@ -692,7 +677,7 @@ class Loop:
 
         By `sdhj_step` or, where the indices of inputs (M,) are `wanted`, by `sdhj_step_filter`. Returns the status
         (M,), the inputs (M,), the points (M, ndim) that are carried on, and whether a measurement broke what the memory
-        had promised, (M,) bool. ValueError for another shape of measurements.
+        had promised.
         """
         given = np.ascontiguousarray(measurements, np.float64)
         if given.shape != (self.count, self.exported.table.grid.ndim):

@@ -73,9 +73,8 @@ def counted_boxes(
     """Boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
     A box is a cell, or one of up to `PIECES_OF_A_CELL` equal parts along each axis; layers have none. There is one
-    array of sums for each interval of `times`; where there are several, one more for all of them together, the last.
-    Along a periodic axis boxes are counted twice, for two laps. There are about `most` boxes at most, at all times and
-    for all `steps`.
+    array of sums for each interval of `times`, and of several one more for all together. Along a periodic axis there
+    are two laps. There are about `most` boxes, at all times and for all `steps`.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
     boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
@@ -126,7 +125,7 @@ def bytes_of_clear(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> in
 def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> float:
     """Into how many pieces a part of an interval is cut, at most: from 1 to `FINEST`, not rounded.
 
-    As many as need about `EVALUATED` boxes for the velocity; 1 of constant dynamics, which need no more.
+    As many as need about `EVALUATED` boxes for the velocity.
     """
     if problem.dynamics.constant:
         return 1.0
@@ -169,13 +168,12 @@ class GeneralProof(Images):
     Attributes
     ----------
     clear : (bytes,) uint8
-        Behind each other, for each of `dangers`, (starts, cells, bytes) of the cells of its axes. Bit j % 8 of byte
-        j // 8: under u_j all states of the cell stay clear of its unsafe sets and unsafe ends over an interval.
+        For each of `dangers`, (starts, cells, bytes) of the cells of its axes. Bit j % 8 of byte j // 8: under u_j all
+        states of the cell stay clear over an interval.
     sites : (ndim,) int64
-        The strides of sites: a cell is at the site with number sum(cell * sites).
+        A cell is at the site with number sum(cell * sites).
     arrives : (starts, sites, bytes) uint8
-        Bit j % 8 of byte j // 8: u_j leads all of a cell at the site into the target itself
-        (`sdhj.certified.arrivals`). (0, 0, 0) where that is not asked.
+        Likewise: u_j leads all of a cell at the site into the target itself. (0, 0, 0) where that is not asked.
     """
 
     clear: FloatArray
@@ -185,7 +183,7 @@ class GeneralProof(Images):
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
-        """A proof with arrays of the right size, which `prepare` fills; MemoryError where a solve takes too much."""
+        """A proof with arrays of the right size, which `prepare` fills."""
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
         require_memory(peak_bytes(problem, axes, parts, moves), f"certifying {size:.1e} cells", "use fewer cells")
@@ -200,7 +198,7 @@ class GeneralProof(Images):
 
     @property
     def peak_bytes(self) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds (the function `peak_bytes`)."""
+        """The bytes that a solve takes at most, without the sets that it finds."""
         return peak_bytes(self.problem, self.axes, self.parts, self.low.shape)
 
     @cached_property
@@ -252,11 +250,11 @@ class GeneralProof(Images):
     ) -> FloatArray:
         """Which of some inputs are certified for cells `some` (M, ndim), indices, at a step: bool (M, L).
 
-        An input is certified if it stays clear and leads all of the cell into the set with steps_left[m] - 1 steps to
-        go, or into the target itself.
+        An input is certified if it stays clear and leads all of the cell into the set with a step less, or into the
+        target itself.
 
-        steps_left : (M,), the steps to go; 0: no input is certified.
-        sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
+        steps_left (M,) : 0: no input is certified. sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the
+        numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
         among : (M, L) bool, the inputs that are asked about; False for all others.
         lines : whether the cells come in lines along the axis `along`, which takes less time.
@@ -278,7 +276,7 @@ class GeneralProof(Images):
 
     @property
     def entry_in_head(self) -> dict[str, Any]:
-        """The proof's part of a file's head, which `load` is handed again: values that JSON can hold."""
+        """The proof's part of a file's head, which `load` is handed again."""
         # which axes are those of a place, and E
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         told["clear"] = [one.entry_in_head for one in self.dangers]
@@ -296,8 +294,7 @@ class GeneralProof(Images):
     ) -> "GeneralProof":
         """The proof whose arrays are in an open file; its arrays are read-only.
 
-        ValueError where what is stated, an `entry_in_head`, or the shape or the type of an array, does not fit the
-        problem and its cells; the bits of the arrays are not checked, nor is "unsure" read.
+        What is stated, shapes and types must fit the problem and its cells; the bits of the arrays are not checked.
         """
         if unknown := stated.keys() - {"parts", "own", "unsure", "clear", "arrives"}:
             raise ValueError(
@@ -340,7 +337,7 @@ class GeneralProof(Images):
     def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs; once.
 
-        ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
+        ValueError as from `Images.fill`.
         """
         arrivals, tested, every = Arrivals(self), self.sets_tested_in_words, self._asked()
         mark = partial(self._mark_collisions, every, self._boxes_of_sets(progress))
@@ -379,10 +376,7 @@ class GeneralProof(Images):
                     every &= own.bits.reshape(len(own.bits), *own.layout.counts.tolist(), -1)
 
     def _mark_in_words(self, asked: _Asked, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
-        """Clear in `asked.bits` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
-
-        tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along the set's axes.
-        """
+        """Clear in `asked.bits` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps."""
         own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
         axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
         lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
@@ -405,8 +399,8 @@ class GeneralProof(Images):
     ) -> FloatArray:
         """From which cells of a set's axes the tubes of one place may meet it: bits, (L, n1, ..., W) uint64.
 
-        `each` has the boxes of the lattice that may meet the set for each part of the interval, or once for all;
-        `first` and `last` (L * parts, d) are the windows of the place's tubes, by input and then by part.
+        `each` has the boxes that may meet the set for each part of the interval, or once for all; `first` and `last` (L
+        * parts, d) are the windows of the tubes.
         """
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
@@ -428,8 +422,7 @@ class GeneralProof(Images):
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
-        Not of `sets_tested_in_words`. `some` (M,) are consecutive places with `tubes` (M, parts, ndim, 2), `counted`
-        those of `_boxes_of_sets`.
+        Not of `sets_tested_in_words`.
         """
         for asked in every:
             rows = np.flatnonzero(asked.place[some] >= 0)
@@ -485,10 +478,7 @@ class GeneralProof(Images):
 
     @kept
     def _sway(self) -> FloatArray:
-        """About how far the disturbance and errors move a state to each side in an interval, (ndim,).
-
-        In the middle of the grid, under the input for which it is most: boxes are made by it, and no proof rests on it.
-        """
+        """About how far the disturbance and errors move a state to each side in an interval, (ndim,)."""
         grid, sensing = self.problem.grid, self.problem.sensing
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
@@ -497,10 +487,7 @@ class GeneralProof(Images):
         return np.asarray(np.max(pushed, axis=0) / 2 * sensing.hold(self.problem.delta)[0] + self.prediction_error)
 
     def _spans(self, unsafe_set: UnsafeSet) -> list[list[tuple[float, float]]]:
-        """For each step the (from, to), s, of each part of its interval, widened by the jitter.
-
-        Of a set that stands still one step with one part, all of the problem's time.
-        """
+        """For each step the (from, to), s, of each part of its interval, widened by the jitter."""
         if not unsafe_set.moving:
             return [[self._all_times]]
         length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
@@ -521,8 +508,8 @@ class GeneralProof(Images):
     def goal(self, step: int) -> FloatArray:
         """S_k^0 for k = step, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
 
-        Each cell is widened by the shell and by E, all that a prediction in it may stand for, and has to be so at all
-        times that t_k may be, given the jitter. Sets that are unsafe under some inputs only do not count.
+        Each cell is widened by the shell and by E, and has to be so at all times that t_k may be. Sets that are unsafe
+        under some inputs only do not count.
         """
         problem, t = self.problem, self.problem.time(step)
         times = self._all_times if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)

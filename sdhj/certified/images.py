@@ -56,9 +56,7 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
-    With a delay and dynamics that are not constant a box with error + delay * D(E) <= E, where D(E) is by how much a
-    disturbed velocity within E of a prediction may differ from the undisturbed one there (`_spread`). ValueError where
-    none is found within the grid.
+    With a delay and dynamics that are not constant a box with error + delay * D(E) <= E, D(E) of `_spread`.
     """
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
@@ -82,8 +80,8 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
 def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     """The function D(half-widths (ndim,) of a box around a prediction): the largest error of the velocity, (ndim,).
 
-    D bounds |f(q, u, v) - f(p, u, 0)| along each axis for all predictions p, states q in the box around p, inputs u,
-    disturbances v and times of a delay.
+    It bounds |f(q, u, v) - f(p, u, 0)| for all predictions p, states q in the box around p, inputs, disturbances and
+    times of a delay.
     """
     calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
     grid, timed, delay, disturbed = (
@@ -127,9 +125,8 @@ class GrowsTooFast(ValueError):
 class Proof(ReadOnly):
     """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
 
-    The protocol of a proof. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`;
-    a table asks `image`, `places` and `inputs` about its cells. Of those that are not here the full
-    contracts are those of `sdhj.certified.general_proof.GeneralProof` and of `Images`.
+    `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`; a table asks `image`,
+    `places` and `inputs`. Contracts that are not here are those of `GeneralProof` and of `Images`.
     """
 
     problem: ReachAvoidProblem
@@ -171,19 +168,14 @@ class Proof(ReadOnly):
 
     @kept
     def shell(self) -> FloatArray:
-        """How far off a cell a state counts as in it while a run lasts, (ndim,): `STATE_SLACK` times each axis's scale.
-
-        Coordinates are off by some units in the last place, 2^-53 of the scale each; the shell is about 10^6 times as
-        much.
-        """
+        """How far off a cell a state counts as in it, (ndim,): `STATE_SLACK` times each axis's scale."""
         return STATE_SLACK * np.array([axis.scale for axis in self.axes])
 
     @kept
     def rounding(self) -> FloatArray:
         """How far off its cell rounding may make a state seem that lies on the cell's border, (ndim,).
 
-        To find a state's cell takes a difference and a quotient of rounded numbers, the lower end and the width, which
-        counts as often as there are cells. That is off by 8 times 2^-53 of the scale at most.
+        To find a state's cell takes a difference and a quotient, off by 8 times 2^-53 of the scale at most.
         """
         return ROUNDED_OFF * np.array([axis.scale for axis in self.axes])
 
@@ -196,9 +188,8 @@ class Proof(ReadOnly):
 def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatArray:
     """The axes of a place, (ndim,) bool: those on which a cell's index decides how far its image lies off.
 
-    They are the axes that a velocity depends on, those whose cells are not all of one width, and those with a wall; but
-    not an axis with a wall along which the velocity is always in one range: there the image is what it would be without
-    the wall, clipped.
+    The axes that a velocity depends on, those whose cells are not all of one width, and those with a wall, unless the
+    velocity along it is always in one range: there the image is clipped.
     """
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     held = np.logical_or.reduce(problem.grid.ends_where("holds"), axis=0)
@@ -240,8 +231,8 @@ class Images(Proof):
     strides : (ndim,) int64
         A cell is at the place with number sum(cell * strides); 0 on an axis that is no place's.
     low, high : (starts, L, places, ndim) int16
-        The first and the last cell of the image along each axis, less the cell's own index; filled by `fill`. starts is
-        1 where the dynamics do not depend on time.
+        The first and the last cell of the image, less the cell's own index. starts is 1 where the dynamics do not
+        depend on time.
     """
 
     strides: FloatArray
@@ -305,10 +296,7 @@ class Images(Proof):
         return out
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
-        """The first and the last cell, each (M, ndim), of the boxes that cells `some` (M, ndim) are led into by inputs.
-
-        Indices may lie beyond the ends of axes: they are neither clipped nor taken around.
-        """
+        """The first and the last cell of the boxes that cells are led into by inputs, (M, ndim) each, not clipped."""
         moves, places = self.moves(step), self.places(some)
         return some + moves.low[inputs, places], some + moves.high[inputs, places]
 
@@ -322,9 +310,9 @@ class Images(Proof):
     ) -> None:
         """Write the images of all places under all inputs from all starts into `low` and `high`, in threads.
 
-        For each slab of at most `PLACES` consecutive places, once its images are written, `use(start, j, places (M,),
-        tubes (M, parts, ndim, 2), last (M, ndim, 2))` is called in this thread, with what `swept` returns. ValueError
-        where no bound on a velocity is found, or an interval leads more than 32,767 cells on.
+        For each slab of at most `PLACES` places `use(start, j, places (M,), tubes (M, parts, ndim, 2), last (M, ndim,
+        2))` is called in this thread, with what `swept` returns. ValueError where no bound on a velocity is found, or
+        an interval leads more than 32,767 cells on.
         """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
@@ -354,10 +342,7 @@ class Images(Proof):
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
-        """The lower and the upper corners of the cells at places (M,), widened by the shell: (2, M, ndim).
-
-        On axes that are no place's, the ends of the grid.
-        """
+        """The lower and the upper corners of the cells at places (M,), widened by the shell: (2, M, ndim)."""
         grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
@@ -368,12 +353,9 @@ class Images(Proof):
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
         """How far the ends of M boxes, `start` (2, M, ndim), move under u_j in the interval from `time`, s.
 
-        Returns displacements of the lower and the upper ends, negative for one that falls: the extremes during each
-        part, (M, parts, ndim, 2), and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward,
-        clipped at walls, and with sensing widened by E. For a controller that remembers, the second is that of the
-        points it carries on (`_clipped`). On the axes that no place depends on the box is all that there is:
-        displacements begin at 0 and the velocity is bounded anywhere in it. ValueError where a velocity has no bound,
-        or grows too fast for one to be found.
+        Returns displacements of the lower and the upper ends: the extremes during each part, (M, parts, ndim, 2), and
+        at the interval's end, whenever that is, (M, ndim, 2); rounded outward, clipped at walls, and with sensing
+        widened by E. For a controller that remembers, the second is that of the points it carries on (`_clipped`).
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         off = SIDES * self._prediction_error(start)
@@ -416,8 +398,8 @@ class Images(Proof):
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
         """The displacements (2, M, ndim) of the ends of boxes to the points that a controller with memory carries on.
 
-        E is taken off the image of the states, start + last, at both ends, but no more than to its middle. An image
-        that is held at a wall as a whole stays where it is, and no other image comes as near to a wall as a layer.
+        E is taken off the image of the states, at both ends, to its middle at most. An image that is held at a wall as
+        a whole stays, and no other comes as near to a wall as a layer.
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
@@ -435,8 +417,8 @@ class Images(Proof):
     ) -> FloatArray:
         """The displacements of both ends of boxes `start` at the end of a piece of an interval under u_j: (2, M, ndim).
 
-        moved + h F, rounded outward and clipped at walls. For each end F bounds the velocity in the face on its side of
-        a box that the states stay in during the piece. `before` is what the piece before added, for a first guess.
+        moved + h F, rounded outward and clipped at walls, F the bound on the velocity in the end's face of a box that
+        the states stay in. `before` is what the piece before added, for a first guess.
         """
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
@@ -461,8 +443,7 @@ class Images(Proof):
     ) -> tuple[FloatArray, FloatArray]:
         """Where boxes are at the begin of a piece, start + moved, and boxes that states stay in: two (2, M, ndim).
 
-        The second is found by trying larger boxes until X + [0, h] V lies inside, V the velocities in the box tried and
-        h the length of the piece, s. ValueError (`_unbounded_error`) after `TRIES`.
+        The second is found by trying larger boxes until X + [0, h] V lies inside, `TRIES` times.
         """
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
@@ -483,9 +464,9 @@ class Images(Proof):
     def _unbounded_error(
         self, j: int, ends: FloatArray, enclosure: FloatArray, times: tuple[float, float]
     ) -> ValueError:
-        """The ValueError for boxes `ends` for which no larger ones are found that states stay in; it is returned.
+        """The ValueError for boxes `ends` for which no larger ones are found that states stay in.
 
-        It names the velocity under u_j that has no bound, or else the widest of the boxes that were tried last.
+        It names the velocity under u_j that has no bound, or else the widest of the boxes.
         """
         names, u = self.problem.grid.names, f"input {j}"
         for boxes in (ends, enclosure):
@@ -508,8 +489,7 @@ class Images(Proof):
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
         """The first and the last cell that hold the cells at places (M,) after their ends have moved: two (M, ndim).
 
-        As offsets from a cell's own index, int64, neither clipped nor taken around. On an axis that is no place's they
-        hold for cells anywhere. ValueError for offsets beyond 32,767 cells.
+        As offsets from a cell's own index, neither clipped nor taken around. ValueError beyond 32,767 cells.
         """
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         for axis, (own, cell) in enumerate(zip(self.axes, self.cells_at(places).T, strict=True)):

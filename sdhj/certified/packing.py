@@ -28,8 +28,8 @@ Changes = tuple[FloatArray, FloatArray] | None
 def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray) -> int:
     """The number of the axis along which sets are packed in the recursion.
 
-    The longest axis of at least `FEWEST` cells that is no axis of a place (`depends`), so that all cells along it move
-    alike. The last axis instead if it is none itself, if there is no such axis, or if an end of the grid is safe.
+    The longest of at least `FEWEST` cells that is no axis of a place (`depends`). The last axis instead if it is none
+    itself, there is no such axis, or an end of the grid is safe.
     """
     alike = [k for k, own in enumerate(axes) if not depends[k] and own.count >= FEWEST]
     if not depends[-1] or not alike or grid.has("frees"):
@@ -63,8 +63,8 @@ class Packing:
     def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Add to `cells` (rows, W) each cell whose image under a clear input is in `following` (rows, W), in place.
 
-        Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input. Both are
-        packed along the last axis; `changed` is what differs from the set that was `following` when `cells` was made.
+        Where sets shrink, instead take away each cell that has no such input. `changed` is what differs from the set
+        that was `following` when `cells` was made.
         """
         some = self._at(step)
         if self.alike:
@@ -86,8 +86,7 @@ class Packing:
     def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped, clear: ClearWords) -> None:
         """`add` where all cells move alike.
 
-        The image of a cell is a window of cells, the same from each cell. It does not lie in `following` if it contains
-        a cell outside: so the cells outside are united over that window (`sdhj.certified.word_tubes.united`).
+        The image of a cell is a window, the same from each cell: the cells outside `following` are united over it.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
@@ -124,10 +123,7 @@ class Packing:
         grow(near, cells, extended, some.clear, some.moves, some.cells, self.proof.shrinks)
 
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
-        """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
-
-        The margin holds the cells that images reach along the packed axis, so that none is wrapped or clipped there.
-        """
+        """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64."""
         moves, counts = some.moves, some.cells.counts
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 1)
         # a place depends on the packed axis, an end is safe, or images reach farther than the axis is long
@@ -177,7 +173,7 @@ def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells:
     """The words with cells whose image under some input may hold a cell that has changed: (R, W) bool.
 
     `rows` (n,) and their words `changed` (n, W) have the changes; `far` (2, ndim) the first and the last cell that
-    inputs lead to from any place. One axis after the other, as images are within a box around their cell.
+    inputs lead to from any place.
     """
     counts = cells.counts.tolist()
     out = np.zeros((math.prod(counts[:-1]), changed.shape[1]), np.bool_)

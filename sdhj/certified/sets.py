@@ -146,27 +146,25 @@ class Certified(Options):
     Parameters
     ----------
     cells : sequence of int, optional
-        The approximate number of cells on each axis; it is adjusted so that cells align with the displacements of one
-        interval, where possible. More cells certify a larger set. By default they are chosen by a model of what cells
-        cost and of what they lose (`sdhj.certified.choosing`); for the arm's case study (419, 419, 72, 72).
+        About how many on each axis, adjusted so that cells align with the displacements of one interval, where
+        possible. By default chosen by a model of what cells cost and lose (`sdhj.certified.choosing`); for the arm's
+        case study (419, 419, 72, 72).
     seconds : float
-        Where cells are chosen: about what a solve may take on two cores. The model is no clock: a problem has the same
-        cells on every machine. They are in the table's details.
+        Where cells are chosen: about what a solve may take on two cores. A problem has the same cells on every machine.
     parts : int
-        The number of parts into which a sampling interval is cut to bound the tube, for the fastest input. Where a
-        velocity grows too fast for so few, twice as many are tried, up to 32 times as many; the details tell how many.
+        Into how many a sampling interval is cut to bound the tube, for the fastest input. Where a velocity grows too
+        fast, up to 32 times as many are tried.
 
     Raises
     ------
     ValueError
-        If an option is invalid; from `sets` also if it does not fit the problem, or a bound is missing.
+        By `sdhj.solve` if it does not fit the problem, or a bound is missing.
 
     Notes
     -----
-    The image of a cell is a box of cells: of a disturbance that moves several axes together counts what it does along
-    each of them, and of v that enters nonlinearly all of its range. Methods "hji" and "lax" play the true shapes. On a
-    torus of 480 x 480 cells a gust along a diagonal leaves .073 of the states, of .138 that can be won; the octagon of
-    a `Ball` .088 of .241; the arc of a heading that is off by up to .6 rad .157 of .189.
+    The image of a cell is a box of cells, where "hji" and "lax" play the true shapes of a disturbance that moves
+    several axes together: on a torus of 480 x 480 cells a gust along a diagonal leaves .073 of the states, of .138 that
+    can be won; the octagon of a `Ball` .088 of .241; the arc of a heading that is off by up to .6 rad .157 of .189.
 
     Examples
     --------
@@ -197,12 +195,7 @@ class Certified(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half of the time of a solve.
 
-        progress : whether to show progress bars, and first the numbers of cells and of megabytes; None: if standard
-            error is a terminal.
-
-        ValueError if `cells` has not one number for each axis, the arm's lengths, speeds or steps are too large for its
-        proof, a function of the problem has no bound, or an interval leads too many cells on; MemoryError where the
-        solve does not fit into memory.
+        ValueError if a function of the problem has no bound, or an interval leads too many cells on.
         """
         parts, most = self.parts, min(FINER * self.parts, MOST_PIECES)
         while True:
@@ -225,10 +218,7 @@ class Certified(Options):
         return kind.of(problem, self.axes(problem), self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """The cells of each axis: about `cells`, or as many as the model chooses (`chosen_cells`), and aligned.
-
-        ValueError unless `cells` has a number for each axis.
-        """
+        """The cells of each axis: about `cells`, or as many as the model chooses (`chosen_cells`), and aligned."""
         cells = self.cells
         if cells is None:
             cells = ARM_CELLS if as_built(problem) else chosen_cells(problem, self.parts, self.seconds)

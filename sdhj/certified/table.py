@@ -51,12 +51,12 @@ class CertifiedTable(Table):
     proof : ArmProof or GeneralProof
         The reach sets and swept tubes of the cells over one interval.
     index : (entries, rows) uint32
-        For each (start, within) and each cell of the leading axes, the block of `pool` that contains its cells. Where
-        nothing depends on time, there is one entry for each `within` only, or the last one alone.
+        For each (start, within) and each cell of the leading axes, the block of `pool`. Where nothing depends on time,
+        there is one entry for each `within`, or the last one alone.
     pool : (blocks, words) uint64
-        Blocks of the cells of the remaining axes, one bit for each cell; block 0 is empty.
+        Cells of the remaining axes, a bit each; block 0 is empty.
     details : mapping
-        The options, the time taken, and other facts about the solve.
+        Options and statistics of the solve.
     """
 
     proof: ArmProof | GeneralProof
@@ -105,7 +105,7 @@ class CertifiedTable(Table):
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """The row of `index` for the tube (start, within); None and too large a `within` count as N - start."""
+        """The row of `index` for the tube (start, within)."""
         start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
@@ -113,8 +113,7 @@ class CertifiedTable(Table):
     def _first_set(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
         """The first set in rows first to last of `index`, each inside the next, that a state (M, ndim) is in: (M,).
 
-        From 0 to last - first + 1, for none. A state is in a set if it is off one of its cells by no more than `slack`
-        (ndim,).
+        last - first + 1 for none.
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
@@ -124,7 +123,7 @@ class CertifiedTable(Table):
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
         """The fewest steps within which states (M, ndim) at a step are certified to reach the target: (M,) int64.
 
-        N - step + 1 where none is certified. ValueError where states do not fit.
+        N - step + 1 where none is certified.
         """
         found = self.steps_by_cells(states, step)
         found[self.arrived(np.atleast_2d(real_array("states", states)), step)] = 0
@@ -137,9 +136,9 @@ class CertifiedTable(Table):
         return rows[~np.logical_or(*self.past_ends(states[rows])).any(axis=1)] if rows.size else rows
 
     def past_ends(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whether states (M, ndim) are past the lower, and the upper end of each axis by more than the shell.
+        """Whether states are past the lower, and the upper end of each axis by more than the shell: (M, ndim) each.
 
-        (M, ndim) bool each; by the same operations as `sdhj_place_of` in C.
+        By the same operations as `sdhj_place_of` in C.
         """
         cells, shell = self.cells, self.proof.shell
         offset = np.where(cells.periodic, 0.0, states - cells.lower)
@@ -149,7 +148,7 @@ class CertifiedTable(Table):
     def steps_by_cells(self, states: FloatArray, step: int) -> FloatArray:
         """The fewest steps certified of the cells that states (M, ndim) at a step are in: (M,), N - step + 1 for none.
 
-        Without a target it is 0 where a state is certified to stay clear for all steps that are left. The shell counts.
+        Without a target 0 where a state is certified to stay clear for all steps left.
         """
         last = self.tube_index(step, self.steps)
         if self.problem.has_no_target:
@@ -165,7 +164,7 @@ class CertifiedTable(Table):
     def in_cells(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether states (M, ndim) are in the closed cells of the tube (start, within), no shell: (M,) bool.
 
-        With sensing, only where every measurement or prediction of it is, all of the box E around it.
+        With sensing, all of the box E around it.
         """
         place = self.tube_index(start, within)
         out = self._first_set(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
@@ -210,8 +209,7 @@ class CertifiedTable(Table):
     def points_of_error_box(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
-        Clipped at bounded ends that are not safe. Where all of them are in a set of cells, so is whatever may be
-        measured. E is 0 without sensing: then V is 1.
+        Where all of them are in a set, so is whatever may be measured.
         """
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
@@ -229,8 +227,8 @@ class CertifiedTable(Table):
     def as_level_set(self, within: int | None) -> BlackBox:
         """A level-set function that is -1 in the cells certified within `within` steps, by default N, and 1 elsewhere.
 
-        A `BlackBox`, for a set of another problem. At t_k it is that of the tube of step k, at all other times 1
-        everywhere, unless nothing depends on time. ValueError if `within` is no whole number from 0 to N.
+        A `BlackBox`, for a set of another problem. At t_k it is that of the tube of step k, else 1 everywhere, unless
+        nothing depends on time.
         """
         return _level_set_of_cells(
             self, self.steps if within is None else whole("within", within, least=0, most=self.steps)
@@ -239,8 +237,8 @@ class CertifiedTable(Table):
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of boxes from low to high (M, ndim) are in a tube's cells: bool (2, M).
 
-        A box may exceed the cells by the shell plus twice `DRIFT` of the scale. One that crosses the end of an axis,
-        periodic or not, never counts as wholly certified, and always as certified in part.
+        A box may exceed the cells by the shell plus twice `DRIFT` of the scale. One that crosses the end of an axis
+        counts as certified in part.
         """
         cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
@@ -263,11 +261,7 @@ class CertifiedTable(Table):
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
-        """Which inputs are proved safe and to leave `within` - 1 steps to go, from states (M, ndim): bool (M, L).
-
-        A state in a certified cell of the tube (step, within) has at least one, except for within = 0; any other state,
-        and every one at the last step, has none. A `within` above N - step counts as N - step.
-        """
+        """Which inputs are proved safe and to leave `within` - 1 steps to go, from states (M, ndim): bool (M, L)."""
         place, within = self.tube_index(step, within), min(within, self.steps - step)
 
         def asked(cells: FloatArray) -> FloatArray:
@@ -279,10 +273,7 @@ class CertifiedTable(Table):
         return self._inputs_of_near_cells(states, asked)
 
     def _inputs_of_near_cells(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L).
-
-        `asked` is called once with all these cells (n, ndim); a state off the grid has none.
-        """
+        """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L)."""
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
         count = cells_near(states, self.cells, self.proof.shell, rows, cells)
@@ -291,10 +282,7 @@ class CertifiedTable(Table):
         return out
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
-        """The fewest steps certified for all states of each cell (M, ndim), indices: (M,), N - step + 1 for none.
-
-        Without a target 0 where the cell is certified to stay clear for all steps that are left.
-        """
+        """The fewest steps certified for all states of each cell (M, ndim), indices: (M,), N - step + 1 for none."""
         last, out = self.tube_index(step, self.steps), np.empty(len(cells), np.int64)
         first = last if self.problem.has_no_target else self.tube_index(step, 0)
         fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
@@ -306,7 +294,7 @@ class CertifiedTable(Table):
         """Which inputs are certified from all states of cells (M, ndim), indices, at a step: bool (M, L).
 
         An input is certified if it leads into the set with `steps_left` (M,) - 1; 0: none is. Only those `among` (M, L)
-        are asked about; where cells come in `lines` along `proof.along`, that takes less time.
+        are asked about; cells in `lines` along `proof.along` take less time.
         """
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
@@ -324,9 +312,8 @@ class CertifiedTable(Table):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The boxes in which a controller that remembers goes on, and how far from them the next measurement may be.
 
-        Three (M, ndim): the corners, which are the ends of the cells that points (M, ndim) at a step are led to under
-        inputs (M,), or a point half a shell behind a wall where all of them are its layer, NaN off the grid; and 2 E,
-        or E where both corners are the same.
+        Three (M, ndim): the ends of the cells that points are led to under inputs (M,), or a point half a shell behind
+        a wall where all of them are its layer, NaN off the grid; and 2 E, or E where both corners are the same.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
         rows, begin, end = self.image_cells(points, inputs, step)
@@ -341,11 +328,7 @@ class CertifiedTable(Table):
     def image_cells(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The cells that points (M, ndim) at a step are led to under inputs (M,): (rows, first, last).
-
-        rows (R,) are the points that are on the grid; first and last (R, ndim) the cells of the image of each, neither
-        clipped nor taken around.
-        """
+        """The cells that points (M, ndim) at a step are led to under inputs (M,): (rows, first, last)."""
         points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
         rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
         some = cells_near(points, self.cells, self.proof.shell, rows, cells)
@@ -365,10 +348,7 @@ class CertifiedTable(Table):
         return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
-        """The lower ends of cells with indices (M, ndim), which may lie beyond the ends of axes: (M, ndim).
-
-        By the same operations as `sdhj_edge` in C, so that both carry on the same points.
-        """
+        """The lower ends of cells with indices (M, ndim), which may lie beyond the ends of axes: (M, ndim)."""
         cells, counts = self.cells, self.cells.counts
         laps = np.where(cells.periodic, numbers // counts, 0)
         edges = cells.lower + laps * cells.length + (numbers - laps * counts) * cells.width
@@ -382,8 +362,7 @@ class CertifiedTable(Table):
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Certified steps to go minus `within` at the nodes of the problem's grid, float32, <= 0 in the tube: (*shape).
 
-        N - start + 1 - within at nodes that are in no tube, without a target 0 in the tube and 1 outside. A node that
-        rounding may put into a cell counts as in it. ValueError where `start` is not from 0 to N, or `within` below 0.
+        N - start + 1 - within at nodes in no tube, without a target 0 in the tube and 1 outside.
         """
         start, within = self.clipped(start, within)
         if self.problem.has_no_target:
@@ -396,10 +375,7 @@ class CertifiedTable(Table):
         return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are certified for the tube (start, within) at the nodes of the grid: bool, grid.shape + (L,).
-
-        ValueError where `start` is not from 0 to N, or `within` below 0.
-        """
+        """Which inputs are certified for the tube (start, within) at the nodes of the grid: bool, grid.shape + (L,)."""
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
@@ -410,8 +386,7 @@ class CertifiedTable(Table):
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         """Values (M, L): < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
 
-        The magnitude is the distance from the unsafe sets of where the input leads without an adversary; it proves
-        nothing.
+        The magnitude is the distance of where the input leads without an adversary; it proves nothing.
         """
         clear = self._words.look_up(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
@@ -423,10 +398,9 @@ class CertifiedTable(Table):
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
         """The answers for states (M, ndim) at a step, a `ProvedBatch`; only certified inputs are safe.
 
-        Inputs are judged by the tube of the fewest steps to go, but of `within` where that is more, and without a
-        target by that of all steps left. With `scores` (M, L) the first safe input of least score is the best, else the
-        one that "deepest" prefers at the centre of the cell; -1 where none is safe. ValueError if `step` is not from 0
-        to N.
+        Inputs are judged by the tube of the fewest steps to go, but of `within` where that is more. With `scores` (M,
+        L) the first safe input of least score is the best, else the one that "deepest" prefers at the centre of the
+        cell; -1 where none is safe.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -473,7 +447,7 @@ class CertifiedTable(Table):
     def bits(self, *, start: int, within: int) -> FloatArray:
         """Which cells are in the tube (start, within): bool of shape `shape`, a byte for each cell, layers among them.
 
-        900 MB for the arm's case study with the default cells.
+        900 MB for the arm's case study.
         """
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
         return to_bits(self.pool[self.index[self.tube_index(start, within)]], packed).reshape(self.shape)
@@ -505,25 +479,19 @@ class CertifiedTable(Table):
         """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.
 
         `contains` counts closed cells. Of later states those count, too, that are off a cell by the shell, 1e-10 of the
-        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out of its cells by
-        twice `DRIFT`, 2e-13 of it, which is all that the checker lets in, and the robot's own state is rounded. A
-        table that holds for ever holds for so many steps in which all of that falls to one side, and again from every
-        state that `contains` says.
+        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out by twice `DRIFT`,
+        2e-13 of it, and the robot's own state is rounded. A table for ever holds for so many steps in which all of that
+        falls to one side.
 
         Parameters
         ----------
         rounding : float
-            What the robot, or what simulates it, rounds in a step, as a share of the largest coordinate.
+            Of the robot in a step, as a share of the largest coordinate.
 
         Returns
         -------
         int
             shell / (2 DRIFT + rounding), the least of all axes: some 476 for any robot but the arm.
-
-        Raises
-        ------
-        ValueError
-            If `rounding` is no number of at least 0.
         """
         each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
@@ -534,21 +502,21 @@ class CertifiedTable(Table):
         Parameters
         ----------
         everywhere : bool
-            Whether moves and clear inputs are proved of all cells; by default of those that are promised.
+            Whether moves and clear inputs are proved of all cells, not of promised ones alone.
         samples : int, optional
-            So many random cells are looked at in place of all, which proves nothing of the others.
+            Random cells in place of all, which proves nothing of the others.
         progress : bool, optional
-            Whether to show progress bars; by default where standard error is a terminal.
+            By default where standard error is a terminal.
 
         Returns
         -------
         Verdict
-            All claims, with what was not proved of each: `ok` if nothing failed, and a text.
+            All claims, with what was not proved of each: `ok` if nothing failed.
 
         Raises
         ------
         OSError
-            Where the system's folder for temporary files has no room for the table's, which is written there.
+            Where the folder for temporary files has no room for the table's.
         MemoryError
             Where the check takes more memory than is free.
 
@@ -566,10 +534,7 @@ class CertifiedTable(Table):
             return check(path, given, everywhere=everywhere, samples=samples, progress=progress)
 
     def looked_over(self) -> tuple[int, int]:
-        """How many claims the checker has looked at in memory, all of few and a sample of many, and how many there are.
-
-        RuntimeError that names the first of those that it does not prove.
-        """
+        """How many claims the checker has looked at, all of few and a sample of many, and how many there are."""
         arrays, given = self._arrays | arrays_of(self.problem), self.problem if self.problem.opaque else None
         looked, made, wrong = looked_over(self._head, arrays, given)
         if wrong:
@@ -582,7 +547,7 @@ class CertifiedTable(Table):
     def save(self, path: str | os.PathLike[str], compress: bool = True) -> None:
         """Write the table to a file, as `LookupTable.save` does, which is replaced, whole or not at all.
 
-        Arrays that are not packed (`compress`) are mapped when the file is loaded. OSError if it cannot be written.
+        Arrays that are not packed are mapped when the file is loaded.
         """
         write_table(path, self, self._arrays, compress, **self._entries)
 
@@ -618,8 +583,7 @@ class CertifiedTable(Table):
     ) -> "CertifiedTable":
         """The table in an open file with this head, for a problem that has been read from it; nothing is proved anew.
 
-        ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together: the cells do not
-        cover the axes, arrays have other shapes or types, or there are bits of no cell.
+        ValueError if the cells do not cover the axes, arrays have other shapes or types, or there are bits of no cell.
         """
         cells = head["cells"]
         every, layers = range(problem.grid.ndim), cells.get("layers", [(0, 0)] * problem.grid.ndim)
@@ -652,9 +616,8 @@ def _outer_product(factors: Sequence[FloatArray]) -> FloatArray:
 class CellSets:
     """All sets S_k^n as packed blocks (rows, words), as the recursion asks for them: `sdhj.solver.recursion.TubeSets`.
 
-    Only two sets are whole in memory, `cells`, the S_k^n at hand, and `following`, S_{k+1}^{n-1}; of every entry only
-    the rows are kept that it adds to the entry with a step less. So entries have to be computed in the order of
-    `recursion`, and `finish` ends it all.
+    Only `cells`, the S_k^n at hand, and `following`, S_{k+1}^{n-1}, are whole in memory; of every entry the rows are
+    kept that it adds. So entries have to be computed in the order of `recursion`.
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
@@ -745,10 +708,7 @@ def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> F
 
 
 def _level_set_of_cells(table: CertifiedTable, within: int) -> BlackBox:
-    """The `BlackBox` of `CertifiedTable.as_level_set`, with bounds over boxes, from which a proof can go on.
-
-    Its bounds raise ValueError where the tube depends on time and an interval of times is asked about.
-    """
+    """The `BlackBox` of `CertifiedTable.as_level_set`, with bounds over boxes, from which a proof can go on."""
     problem = table.problem
 
     def step_at(t: float) -> int | None:

@@ -55,8 +55,7 @@ def in_words(
 def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[int]) -> bool:
     """Whether tubes and images are shifted with their cells along `axes`, so that 64 may be looked at at once.
 
-    They are if there are at least `LEAST_AXES` of these, the last axis of all among them, none is an axis of a place
-    (`depends`) and no end of the grid is safe.
+    If there are at least `LEAST_AXES`, the last axis among them, none is an axis of a place and no end is safe.
     """
     last = axes[-1] == depends.size - 1
     return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")
@@ -68,10 +67,7 @@ def size_in_words(axes: Sequence[CellAxis]) -> int:
 
 
 def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatArray:
-    """Into how many pieces a cell is cut along each axis: (d,), 1 on the axes `alike`.
-
-    As many as leave about `BOXES` boxes together for all of the `share` times at which the set is bounded.
-    """
+    """Into how many pieces a cell is cut along each axis: (d,), 1 on the axes `alike`."""
     cells = share * math.prod(axis.count for axis in axes)
     pieces = int((BOXES / cells) ** (1 / max(int((~alike).sum()), 1)))
     return np.where(alike, 1, min(max(pieces, LEAST_PIECES), MOST_PIECES))
@@ -123,8 +119,7 @@ def boxes_in_words(
 def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
     """Planes (..., fine, W) of bits with `far` bits more before and behind the cells: (..., fine, more) uint64.
 
-    These are the next period of a periodic axis, and repeat the first or the last box on a bounded one. The margins are
-    whole words, equally many before and behind; their bits farther out than `far` are 0.
+    These are the next period of a periodic axis, and repeat the first or the last box on a bounded one.
     """
     more = 2 * -(-far // 64)
     out = np.empty((*planes.shape[:-1], planes.shape[-1] + more), np.uint64)
@@ -136,9 +131,8 @@ def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The first and the last box along each axis that `tubes` (..., d, 2) of cell 0 overlap: two (..., d) int64.
 
-    Cell 0 has the boxes 0 to fine - 1; the tube of cell i overlaps those that lie `fine` i farther. On axes that are
-    not `alike` a tube is made smaller by what boxes are wider than their pieces, and by `narrow` (d,), which the
-    `margin` of `boxes_in_words` makes up for.
+    The tube of cell i overlaps those that lie `fine` i farther. On axes that are not `alike` a tube is made smaller by
+    what boxes are wider than their pieces, and by `narrow` (d,), for which the `margin` of `boxes_in_words` makes up.
     """
     pitch = np.array([float(axis.width) for axis in lattice.axes]) / lattice.fine
     first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)
@@ -157,9 +151,8 @@ def united(
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield from which cells tubes overlap a box that may meet the set, once for all tubes with the same windows.
 
-    (numbers of these tubes, cells as bits (n1, ..., W) uint64); each of the tubes `some` is in one of the pairs. The
-    bits are not to be modified, as those of later pairs may be made of them. `boxes` are united along the axes behind
-    `axis`.
+    (numbers of these tubes, cells as bits (n1, ..., W) uint64), not to be modified, as later ones may be made of them.
+    `boxes` are united along the axes behind `axis`.
     """
     if axis < 0:
         yield some, boxes
@@ -172,11 +165,7 @@ def united(
 
 
 def _along(boxes: FloatArray, lattice: Lattice, axis: int, first: int, last: int) -> FloatArray:
-    """For each cell along an axis whether one of the boxes of its window, `first` to `last` of cell 0, is set.
-
-    `boxes` have fine n boxes along `axis`; the result has n there, or, for the last axis, words of bits in place of
-    planes. It is `boxes` itself if the window is the cell's own box.
-    """
+    """For each cell along an axis whether one of the boxes of its window, `first` to `last` of cell 0, is set."""
     own, fine = lattice.axes[axis], int(lattice.fine[axis])
     if axis == len(lattice.axes) - 1:
         out = np.empty((*boxes.shape[:-2], -(-own.count // 64)), np.uint64)

@@ -24,10 +24,8 @@ CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
 class ProvedBatch(Batch):
     """The answers of a certified table for M states: a `Batch` whose `margins` are computed when they are first read.
 
-    These margins are numbers of steps, not values of a level-set function as those of other tables. With n =
-    max(steps_to_go, within), a certified input leads into the tube with n - 1 steps to go, and its margin is min(steps
-    to go of the undisturbed successor - (n - 1), 0): inputs of lower margins reach the target sooner. It is +inf for
-    inputs that are not certified.
+    These are numbers of steps: with n = max(steps_to_go, within), min(steps to go of the undisturbed successor - (n -
+    1), 0); +inf for inputs that are not certified.
     """
 
     table: Any
@@ -52,8 +50,7 @@ def margins_of(
 ) -> FloatArray:
     """The margin of each safe input of states (M, ndim) at a step, +inf for others: (M, L).
 
-    min(steps to go of the undisturbed successor - (steps_left - 1), 0); past a safe end the successor has 0 to go. The
-    successors of state m are states[m] + moves[rows[m]], moves (R, L, ndim).
+    min(steps to go of the undisturbed successor - (steps_left - 1), 0); past a safe end the successor has 0 to go.
     """
     margins = np.full(safe.shape, np.inf)
     pairs, inputs = np.nonzero(safe)
@@ -78,8 +75,8 @@ def words_of(
     """The words of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them: (M, 2 + ceil(L / 32)) uint32.
 
     The inputs of a word are those proved to leave max(steps to go, within) - 1 steps, or with `CLEAR` to stay clear,
-    and only those `among` other words of the same cells; a cell that is not certified has `NOTHING` and none. The rule
-    says which is preferred, None the one of least index. Cells in `lines` along `table.proof.along` take less time.
+    and only those `among` other words; a cell that is not certified has `NOTHING`. By the rule None the one of least
+    index is preferred.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
@@ -137,10 +134,7 @@ def chosen_of(
 
 
 def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
-    """The input of least score for each state, of equals that of least margin, of these that of least index: (M,).
-
-    An input that must not be taken has the score +inf, as far as others are finite.
-    """
+    """The input of least score for each state, of equals that of least margin, of these that of least index: (M,)."""
     least = scores.min(axis=1, keepdims=True)
     return np.where(scores == least, margins, np.inf).argmin(axis=1)
 
@@ -160,9 +154,8 @@ class Words:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps to go (M,), proved inputs (M, L) bool and preferred inputs (M,) of states (M, ndim) at a step.
 
-        -1 where there is none, as for states off the grid. A state has the inputs of all cells within whose shell it
-        lies, or of those among them that have the fewest steps to go. Always of the same table; words that are not
-        known are made and kept.
+        -1 where there is none. A state has the inputs of the cells within whose shell it lies that have the fewest
+        steps to go.
         """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
@@ -192,8 +185,8 @@ class WordTable:
     def look_up(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
         """Write the answers for states (M, ndim) into `out`, and first make and keep the words that are missing.
 
-        `out` is (to_go (M,), safe (M, L), chosen (M,)), -1 where there is none or more than `most` steps to go. The
-        lock is held while words are looked up and kept, not while they are made.
+        `out` is (to_go (M,), safe (M, L), chosen (M,)). The lock is held while words are looked up and kept, not while
+        they are made.
         """
         start, within, rule = key
         missing = np.empty(len(states) << states.shape[1], np.int64)

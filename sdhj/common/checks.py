@@ -12,10 +12,7 @@ DOUBLE = np.dtype(np.float64)
 
 
 class Options:
-    """Base of dataclasses of options: an unknown keyword is a TypeError that says what to write.
-
-    A field whose default_factory is another class of options is a part of them.
-    """
+    """Base of dataclasses of options: an unknown keyword is a TypeError that says what to write."""
 
     # before the dataclass's own, whose TypeError cannot say in which part of the options the keyword belongs
     def __new__(cls, *args: Any, **given: Any) -> Self:
@@ -32,7 +29,7 @@ def options_of(kind: Any) -> dict[str, Any]:
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """Where an option belongs that a part of `kind`, at any depth, has, and why the part refuses it; "" if none has."""
+    """Where an option belongs that a part of `kind` has, and why the part refuses it; "" if none has."""
     for part in options_of(kind).values():
         inner = part.default_factory
         if not (isinstance(inner, type) and issubclass(inner, Options)):
@@ -50,7 +47,7 @@ def belonging_to(kind: Any, name: str, value: Any) -> str:
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
-    """A finite float with least <= value <= most and value > above; or ValueError, naming it."""
+    """A finite float with least <= value <= most and value > above, or ValueError, naming it."""
     try:
         # float() converts these, too
         if isinstance(value, bool | np.bool_ | str | bytes | np.ndarray | np.datetime64 | np.timedelta64):
@@ -72,7 +69,7 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value`, of shape (2,), as two finite floats above `above`; or ValueError, naming it."""
+    """`value`, of shape (2,), as two finite floats above `above`."""
     try:
         fits = np.shape(value) == (2,)
     except ValueError:  # a ragged sequence has no shape
@@ -83,7 +80,7 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
 
 
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
-    """An int with least <= value <= most, a float without a fraction too; or ValueError, naming it."""
+    """An int with least <= value <= most, a float without a fraction too."""
     if type(value) is int and least <= value and (most is None or value <= most):  # at once
         return value
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
@@ -95,7 +92,7 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
 
 
 def plain_array(name: str, values: Any) -> NDArray[Any]:
-    """`values` as NumPy's array of any dtype, itself if it is one; or ValueError, naming it."""
+    """`values` as NumPy's array of any dtype."""
     if isinstance(values, np.ma.MaskedArray):  # NumPy would drop the mask
         raise ValueError(f"{name} must be real numbers, got a masked array; remove the mask, for example by filled()")
     try:
@@ -105,7 +102,7 @@ def plain_array(name: str, values: Any) -> NDArray[Any]:
 
 
 def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous float64 copy of `values`, in which NaN and infinity pass; or ValueError, naming it."""
+    """A C-contiguous float64 copy of `values`, in which NaN and infinity pass."""
     given = values if type(values) is np.ndarray else plain_array(name, values)
     if given.dtype.kind not in "fiu":  # NumPy would convert booleans, dates and some text
         kind = f"an array of {given.dtype}" if given.dtype.kind != "O" else reprlib.repr(values)
@@ -116,7 +113,7 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous float64 copy of `values`, all finite; or ValueError, naming it."""
+    """A C-contiguous float64 copy of `values`, all finite."""
     array = real_array(name, values, shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
@@ -124,7 +121,7 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -
 
 
 def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A float64 copy of points (M, ndim), in which NaN and infinity pass; or ValueError, naming it."""
+    """A float64 copy of points (M, ndim), in which NaN and infinity pass."""
     points = real_array(name, values)
     if points.shape[1:] != (ndim,):
         raise ValueError(f"{name} must have shape (M, {ndim}), got {points.shape}; q[None] is one state")
@@ -132,7 +129,7 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A float64 copy of states (M, ndim), all finite; or ValueError, naming it and the first that is not."""
+    """A float64 copy of states (M, ndim), all finite."""
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():
         bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
@@ -141,7 +138,7 @@ def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def read_only_view(array: Any) -> Any:
-    """A read-only view of an array, which itself stays writable; anything else is returned unchanged."""
+    """A read-only view of an array, which itself stays writable; anything else unchanged."""
     if isinstance(array, np.ndarray):
         array = array.view()
         array.setflags(write=False)
@@ -149,19 +146,19 @@ def read_only_view(array: Any) -> Any:
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
-    """Raise ValueError, naming it and all that is allowed, unless `value` is one of these, of the first one's type."""
+    """Raise ValueError, naming all that is allowed, unless `value` is one of these, of the first one's type."""
     if type(value) is not type(allowed[0]) or value not in allowed:  # 1 is not True
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
 def one_line(text: str, most: int = 500) -> str:
-    """A text, which may come from a file that nobody vouches for, as one line of at most `most` printable letters."""
+    """A text that nobody vouches for as one line of at most `most` printable letters."""
     text = " ".join("".join(one if one.isprintable() else " " for one in text).split())
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 
 
 def sequence(name: str, value: Any) -> Any:
-    """`value`, unchanged, if it is a sequence or an array with an axis, but no text; or ValueError, naming it."""
+    """`value` if it is a sequence or an array with an axis, but no text."""
     scalar = isinstance(value, np.ndarray) and value.ndim == 0
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
         shown = reprlib.repr(value)
@@ -170,7 +167,7 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set as a tuple of int, which the problem checks further; or ValueError, naming the set."""
+    """The axes of a set as a tuple of int, which the problem checks further."""
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")

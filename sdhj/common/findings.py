@@ -43,8 +43,7 @@ class UnsettledWarning(UserWarning):
 class ProjectionWarning(UserWarning):
     """The projected method finds little or nothing with these subspaces.
 
-    The target or the way to it depends on an axis that is dropped: keep it (`sdhj.Projected(subspaces=...)`), or use
-    method "hji".
+    The target depends on an axis that is dropped: keep it (`sdhj.Projected(subspaces=...)`), or use method "hji".
 
     Examples
     --------
@@ -89,7 +88,7 @@ def findings() -> Iterator[list[Finding]]:
 def tell(*some: Finding | None) -> None:
     """Warn of each finding that is not None, and append it to the list of the innermost context of `findings`.
 
-    Where the user has made errors of such warnings, the first is raised, and those after it are lost.
+    Where the user has made errors of such warnings, the first is raised.
     """
     frame, level, found = sys._getframe(1), 2, _FOUND.get()
     # the warning points at the line of the user's code that called the package

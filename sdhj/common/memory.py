@@ -19,14 +19,14 @@ def available() -> tuple[int, str] | None:
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, "are available") for the memory that the machine has; nothing where there is no /proc/meminfo."""
+    """Yield (bytes, "are available") for the machine's memory; nothing where there is no /proc/meminfo."""
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
             yield 1024 * int(line.split()[1]), "are available"
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, words that name the limit) for what is left of this process's address space, if that is limited."""
+    """Yield (bytes, words that name the limit) for what is left of this process's address space."""
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
 
@@ -39,7 +39,7 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """Yield (bytes left, words that name the group) for the limited control groups of the process, and those above."""
+    """Yield (bytes left, words that name the group) for the process's control groups, and those above."""
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]

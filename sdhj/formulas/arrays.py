@@ -31,7 +31,7 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """The trace under way in a thread, one call of a user's function; `_traced_answer` sets and restores it."""
+    """The trace under way in a thread, one call of a user's function."""
 
     trace: int | None = None  # the trace's number, None outside of a trace; arrays of another trace are refused
     refused: list[tuple[str, str]]  # each refusal in the trace: its message, and the user's file and line
@@ -65,12 +65,12 @@ class NotTraced(ValueError):
 
 @functools.cache
 def installed(file: str) -> bool:
-    """Whether a file belongs to Python's library or to an installed package, of other environments too."""
+    """Whether a file belongs to Python's library or to an installed package."""
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
 
 def _users_line() -> str:
-    """The words "file NAME, line N" for the innermost frame that is neither this package's nor an installed one's."""
+    """The words "file NAME, line N" for the innermost frame that is neither this package's nor installed."""
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
     ours = [one for one in frames if not installed(one.filename)]
     written = [one for one in ours if one.line]  # not what dataclasses have made of a text
@@ -122,7 +122,7 @@ DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # optio
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
-    """The error, not raised, for the function `module.name` with these options, with advice from `ADVICE`."""
+    """The error for the function `module.name` with these options, with advice from `ADVICE`."""
     given = f" with {', '.join(sorted(options))}" if options else ""
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
@@ -139,8 +139,8 @@ def _refused(what: str, instead: str) -> Any:
 class Traced(NDArrayOperatorsMixin):
     """An array of nodes that stands for NumPy's array of the values while a function is traced.
 
-    NumPy's functions and operators give traced arrays of new nodes. What depends on values, as a decision does, or has
-    no rule, raises NotTraced; so does an array that was kept from another trace.
+    What depends on values, as a decision does, or has no rule, raises NotTraced; so does an array kept from another
+    trace.
     """
 
     __array_priority__ = 2000
@@ -210,7 +210,7 @@ class Traced(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         """The answer of a NumPy ufunc, made of nodes entry by entry; a pair for np.divmod.
 
-        The method is "__call__", "outer", or "reduce" of ufuncs in `REDUCED`; the array in `out` is written in place.
+        The method is "__call__", "outer", or "reduce" of ufuncs in `REDUCED`.
         """
         options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):
@@ -249,17 +249,17 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
-        """A copy as float64, int64 or bool; the array itself where `copy` is false and it has the type already."""
+        """A copy as float64, int64 or bool; the array itself where `copy` is false and it has the type."""
         if not copy and np.dtype(dtype) == self.dtype:
             return self
         return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
-        """A writable copy of the array in memory order `order`, NumPy's "C", "F", "A" or "K"."""
+        """A writable copy of the array in NumPy's memory order."""
         return Traced(entries_of(self).copy(order), self.dtype)
 
     def __deepcopy__(self, _: Any = None) -> "Traced":
-        """A writable copy of the array in its own memory order; its nodes, which are immutable, are shared."""
+        """A writable copy of the array; its nodes, which are immutable, are shared."""
         return self.copy("K")
 
     __copy__ = __deepcopy__
@@ -278,7 +278,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def _rearranged(self, name: str, *args: Any, **options: Any) -> "Traced":
-        """The answer of a method of NumPy's arrays that moves entries alone; a view where NumPy's is."""
+        """The answer of a method of NumPy's arrays that moves entries alone."""
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
@@ -289,14 +289,14 @@ def _without_defaults(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def holds_traced(value: Any) -> bool:
-    """Whether a value is a traced array, or a list or tuple with one in it at any depth."""
+    """Whether a value is a traced array, or has one in it at any depth."""
     if isinstance(value, list | tuple):
         return any(map(holds_traced, value))
     return isinstance(value, Traced)
 
 
 def _with_entries(value: Any) -> Any:
-    """An argument with traced arrays, in lists too, as object arrays of nodes: so NumPy's functions move entries."""
+    """An argument with traced arrays as object arrays of nodes: so NumPy's functions move entries."""
     if isinstance(value, list | tuple):
         return type(value)(map(_with_entries, value)) if holds_traced(value) else value
     return entries_of(value) if isinstance(value, Traced) else value
@@ -313,21 +313,21 @@ def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
 
 
 def _sealed_number(array: Traced) -> Traced:
-    """The same traced array; one without dimensions is made read-only in place, as NumPy returns numbers there."""
+    """The same traced array, made read-only if it has no dimensions, as NumPy's numbers are."""
     if not array.ndim:
         array.entries.setflags(write=False)
     return array
 
 
 def _nodes_of(array: Any) -> Any:
-    """A new object array of nodes, of an array of numbers and nodes; -0.0 becomes 0."""
+    """A new object array of nodes, of numbers and nodes; -0.0 becomes 0."""
     out = np.empty_like(array, dtype=object, subok=False)
     out.flat[:] = [v if isinstance(v, Node) else constant(v) for v in array.ravel().tolist()]
     return out
 
 
 def traced_array(value: Any) -> Traced:
-    """A value as a traced array: itself if it is one, else an array, a number or a list of such."""
+    """A value as a traced array: an array, a number or a list of such."""
     if isinstance(value, Traced):
         if value.trace != state.trace:
             raise NotTraced("an array that was kept from another call", "compute it anew")
@@ -348,7 +348,7 @@ def traced_array(value: Any) -> Traced:
 
 
 def stacked(values: Any) -> Traced:
-    """A list of values of one shape, traced or not, as one traced array with a new first axis."""
+    """A list of values of one shape as one traced array with a new first axis."""
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
         raise NotTraced("a list of arrays of different shapes", SHAPES)
@@ -356,14 +356,14 @@ def stacked(values: Any) -> Traced:
 
 
 def entries_of(value: Any) -> Any:
-    """The object array of nodes of a value; that of a traced array is not copied."""
+    """The object array of nodes of a value, not copied."""
     return traced_array(value).entries
 
 
 def weak_type(value: Any) -> Any:
     """What np.result_type must be given for an operand, so that types are promoted as in the untraced call.
 
-    Of Python's numbers, and of the time, which is one then, it takes the kind alone; of all else the dtype.
+    Of Python's numbers, and of the time, which is one then, it takes the kind alone.
     """
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
@@ -373,7 +373,7 @@ def weak_type(value: Any) -> Any:
 
 
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
-    """The dtype of a ufunc's answer for these inputs, the last of several; TypeError where it takes no such types."""
+    """The dtype of a ufunc's answer for these inputs, the last of several."""
     # as np.matmul has one
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
@@ -382,7 +382,7 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
 
 
 def written_as(array: Traced, dtype: Any) -> Traced:
-    """A traced array converted to a dtype, as NumPy does when it writes into an array; entries may be shared."""
+    """A traced array converted to a dtype, as NumPy does when it writes into an array."""
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
@@ -392,7 +392,7 @@ def written_as(array: Traced, dtype: Any) -> Traced:
 
 
 def _written_into(answer: Traced, out: Any) -> Traced:
-    """Write an answer into `out` in place, as out= and += do, and return it; of a read-only number the answer."""
+    """Write an answer into `out` in place, as out= and += do; of a read-only number the answer."""
     if not isinstance(out, Traced):
         raise NotTraced("writing a result into a plain array", "let the function return a new one")
     if not out.ndim and not out.entries.flags.writeable:  # x += 1 of a number
@@ -408,7 +408,7 @@ def _written_into(answer: Traced, out: Any) -> Traced:
 
 @SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
-    """A new object array: a function of nodes applied to the entries of object arrays, broadcast and counted."""
+    """A function of nodes applied to the entries of object arrays, broadcast and counted."""
     if state.trace is not None:  # not what is made of formulas, of which a process makes any number
         state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
@@ -417,13 +417,13 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
 
 
 def _truths(array: Any) -> Any:
-    """An object array of truth nodes: of each entry whether it is not 0, where truth values stay themselves."""
+    """Truth nodes: of each entry whether it is not 0."""
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """The answer, of this dtype, of a ufunc of traced arrays, entry by entry, broadcast; of np.matmul the product."""
+    """The answer, of this dtype, of a ufunc of traced arrays, entry by entry; of np.matmul the product."""
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
     if ufunc is np.matmul:
@@ -497,7 +497,7 @@ REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.fmin, np.fmax, np.log
 
 
 def _counted(array: Traced) -> Traced:
-    """Truth values as int64, as NumPy does before it sums them; another array itself."""
+    """Truth values as int64, as NumPy does before it sums them."""
     return array.astype(np.int64) if array.dtype == TRUTH else array
 
 
@@ -530,7 +530,7 @@ def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    """numpy.linalg.norm of vectors along one axis, or of all entries: sqrt(sum x^2), sum |x| (1) or max |x| (inf)."""
+    """numpy.linalg.norm along one axis, or of all entries: sqrt(sum x^2), sum |x| (1) or max |x| (inf)."""
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
     if not vector or ord not in (None, 1, 2, np.inf):
@@ -542,7 +542,7 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 
 
 def _where(condition: Any, *branches: Any) -> Traced:
-    """numpy.where(condition, one, other), broadcast; numbers as a condition are true where they are not 0."""
+    """numpy.where; numbers as a condition are true where they are not 0."""
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
     entries = mapped(narrowing.where, _truths(condition), *map(entries_of, branches))
@@ -550,7 +550,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
-    """numpy.clip: min(max(a, least), most), entry by entry; a bound that is None is left out."""
+    """numpy.clip: min(max(a, least), most), a bound that is None left out."""
     least, most = (b if a is None else a for a, b in ((a_min, min), (a_max, max)))
     if least is None and most is None:
         raise NotTraced("numpy.clip without bounds")
@@ -559,7 +559,7 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 
 
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
-    """numpy.select: the choice that belongs to the first true condition, else the default, entry by entry."""
+    """numpy.select: the choice that belongs to the first true condition, else the default."""
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
     kind = np.result_type(*map(weak_type, [*choicelist, default]))
@@ -576,7 +576,7 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
-    """numpy.interp of a table of constants: linear between ascending points xp of values fp, constant beyond them."""
+    """numpy.interp of a table of constants: linear between ascending points xp, constant beyond them."""
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
     xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
@@ -588,7 +588,7 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
-    """numpy.full_like of a traced array: a new one of its shape and memory order, filled with a value."""
+    """numpy.full_like of a traced array."""
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
     room[...] = fill.entries if fill.ndim else fill.entries[()]

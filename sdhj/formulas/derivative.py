@@ -22,7 +22,7 @@ Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
-    """The derivatives of the nodes `outputs` by the leaf `by`, a coordinate or parameter, as nodes.
+    """The derivatives of the nodes `outputs` by the leaf `by`, as nodes.
 
     Their intervals over a box bound every slope in it; they are undefined where an output may jump.
     """
@@ -102,7 +102,7 @@ def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
 
 
 def _compared(condition: Node) -> list[Node]:
-    """The truth values that "and", "or" and "not" join to a condition: comparisons, and any other truth values."""
+    """The truth values that "and", "or" and "not" join to a condition."""
     if not RULES[condition.op].truths:
         return [condition]
     return [each for arg in condition.args for each in _compared(arg)]

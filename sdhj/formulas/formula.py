@@ -43,8 +43,7 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 class Formula(Remembering):
     """A function as an expression graph: formula(points (M, coordinates), *parameters) -> values (M, *shape).
 
-    It is immutable, equal to others of the same graph, shape and name, and pickled as text. Made by `read`, `traced` or
-    `restored`. What follows from the graph (`tape`, `reads`, ...) is computed at first use, and kept.
+    It is immutable, equal to others of the same graph, shape and name, and pickled as text.
     """
 
     outputs: tuple[Node, ...] = field(repr=False)  # the results for one point, flattened in C order
@@ -58,7 +57,7 @@ class Formula(Remembering):
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
-        """A user's level-set function of points (M, coordinates) and `names`, traced; it is kept as the `source`.
+        """A user's level-set function of points and `names`, traced; it is kept as the `source`.
 
         A Formula or BlackBox is checked and renamed. ValueError or NotTraced say at which line, and what to write.
         """
@@ -80,18 +79,18 @@ class Formula(Remembering):
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
         """The formula of a function of this package, by one traced call without the checks of `read`.
 
-        The caller vouches that it is made of NumPy's functions and formulas and treats all points in the same way.
+        The caller vouches that it treats all points in the same way.
         """
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
     @property
     def source(self) -> Callable[..., Any] | None:
-        """The user's function that it was read from; None once that has been compared, or where there was none."""
+        """The user's function that it was read from, until that has been compared."""
         return self._source[0] if self._source else None
 
     def forget_source(self) -> None:
-        """Forget, in place, the function that it was read from, which may hold large arrays."""
+        """Forget the function that it was read from, which may hold large arrays."""
         self._source.clear()
 
     @kept
@@ -107,7 +106,7 @@ class Formula(Remembering):
     def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
         """Values (M, *shape) at points (M, coordinates), for parameters that are numbers; traced where an argument is.
 
-        ValueError where a value is undefined or infinite; with finite=False it is returned, NaN where undefined.
+        ValueError where a value is undefined or infinite; with finite=False it is returned.
         """
         is_traced = Traced in map(type, (points, *parameters))
         points = points if is_traced else np.ascontiguousarray(points, np.float64)
@@ -142,7 +141,7 @@ class Formula(Remembering):
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """Lower and upper bounds, (M, *shape) each, over M boxes and intervals of the parameters, rounded outward.
 
-        low, high (M, coordinates) : corners of the boxes. Where the function may be undefined, -inf and inf.
+        Where the function may be undefined, -inf and inf.
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
         # for what may not be written to, all would be compiled once more
@@ -154,14 +153,14 @@ class Formula(Remembering):
         return least, greatest
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
-        """Lower bounds (M,) of the one result at points (M, coordinates), over intervals of the parameters."""
+        """Lower bounds (M,) of the one result at points, over intervals of the parameters."""
         return self.bounds_by_branch(points, points, *parameters)[0]
 
     def bounds_by_branch(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """`bounds` of a formula with one result, (M,) each, narrower at up to `MOST_JUMPS` jumps of angles.
 
-        What lies between the values on the two sides of a jump of `mod` or `arctan2` is no value of the function; of a
-        set on a circle it would be a phantom, half a turn away. So the sides are bounded apart, in all combinations.
+        What lies between the values on the two sides of a jump is no value of the function; of a set on a circle it
+        would be a phantom, half a turn away. So the sides are bounded apart.
         """
         found, (jumps, operands, rest) = np.array(self.bounds(low, high, *parameters)), self._jumps
         if not 0 < len(jumps) <= MOST_JUMPS:
@@ -195,7 +194,7 @@ class Formula(Remembering):
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
-        """What `bounds_by_branch` needs: the nodes that jump, a formula of their operands, and one of the results.
+        """The nodes that jump, a formula of their operands, and one of the results.
 
         The operands are y and x, or a / b and b for mod(a, b); the results read the nodes as further coordinates.
         """
@@ -220,7 +219,7 @@ class Formula(Remembering):
         return 0 in leaves(self.outputs, "p")
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
-        """The function of points whose coordinates are clipped to [lower, upper], (coordinates,) each, first."""
+        """The function of points whose coordinates are clipped to [lower, upper]."""
         put = dict[Node, Node]()
         for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
             put[leaf("x", k)] = make("min", make("max", leaf("x", k), constant(low)), constant(high))
@@ -239,7 +238,7 @@ class Formula(Remembering):
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:
-        """A hashable key of what it computes: formulas with equal keys have equal values, to the last bit."""
+        """A key of what it computes: formulas with equal keys have equal values, to the last bit."""
         tables: list[Lookup] = []
         lines = tuple(written(self.outputs, tables))
         return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
@@ -250,7 +249,7 @@ class Formula(Remembering):
         return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
-        """The results at points (M, coordinates), where an argument is traced: a traced array of the caller's graph."""
+        """The results at points, where an argument is traced: a traced array of the caller's graph."""
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
@@ -261,17 +260,17 @@ class Formula(Remembering):
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
-        """Pickled as text and tables, from which `restored` makes it again; its source is left out."""
+        """Pickled as text and tables, without its source."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
 def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
-    """The seven arrays of a `Tape`, in the order of its docstring, whose results are the nodes `outputs`.
+    """The seven arrays of a `Tape` whose results are the nodes `outputs`.
 
-    A slot is used again as soon as no later operation reads it. Tables with equal values are stored once, each followed
-    by its `pyramid`; the last entry is a list of arrays.
+    A slot is used again as soon as no later operation reads it. Equal tables are stored once, each followed by its
+    `pyramid`.
     """
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
@@ -313,12 +312,12 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
-    """The formula with these lines of text, as files keep it; ValueError where they cannot be read."""
+    """The formula with these lines of text, as files keep it."""
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
-    """Raise ValueError where a user's function is not its formula at points (M, n), for parameters that are numbers.
+    """Raise ValueError where a user's function is not its formula at points (M, n).
 
     Where the formula is undefined, nothing is compared; where a value may jump, points beside it may agree, too.
     """
@@ -359,30 +358,23 @@ def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray
 class BlackBox:
     """A function that cannot be read as a formula, such as a network, with what its author declares of it.
 
-    What is not declared is taken at its worst, or is refused where a proof needs it. Proofs take what is declared for
-    true.
+    What is not declared is taken at its worst, or refused where a proof needs it.
 
     Parameters
     ----------
     function : callable
-        As it would stand without the wrapper: a level set of (points, t), or a drift or gain of (points, u, t). All
-        arguments are passed.
+        A level set of (points, t), or a drift or gain of (points, u, t); all are passed.
     reads : sequence of int, optional
-        The coordinates that the answer depends on, numbered as the points' columns. By default all.
+        The coordinates that the answer depends on; by default all.
     slope : float, or one for each coordinate, or (ndim, ndim) array for a drift, optional
-        Bound on how much the answer changes for each unit of distance (one number), along each coordinate, or, in row
-        i, component i of the drift along each coordinate. By default none is known.
+        Bound on how much the answer changes for each unit of distance, along each coordinate, or, in row i, component i
+        of the drift along each coordinate.
     rate : float, or one for each component, optional
-        Bound on how much the answer changes in a second. 0: it does not depend on the time. By default, it may.
+        Bound on how much the answer changes in a second; 0: it does not depend on the time.
     enclosure : callable, optional
-        Of a level set (low, high, t0, t1) -> (least, greatest), with boxes (M, axes) and answers (M,), at most and at
-        least what the function is anywhere in the box and in [t0, t1]; of a drift or gain (low, high, u, t0, t1). Where
-        it is given, `slope` and `rate` are not used for bounds.
-
-    Raises
-    ------
-    ValueError
-        If something is no function, or a bound is negative or not finite.
+        Of a level set (low, high, t0, t1) -> (least, greatest), with boxes (M, axes) and answers (M,), which bound the
+        function in the box and in [t0, t1]; of a drift or gain (low, high, u, t0, t1). Used in place of `slope` and
+        `rate`.
 
     Examples
     --------
@@ -406,7 +398,7 @@ class BlackBox:
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
-        """Check what is declared, and make its arrays read-only copies, and `reads` a tuple of int."""
+        """Check what is declared, and make its arrays read-only copies."""
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
@@ -436,7 +428,7 @@ class BlackBox:
         return self.rate is None or bool(np.any(self.rate))
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
-        """The black box whose points, and corners of boxes, are first clipped to [lower, upper], (coordinates,)."""
+        """The black box whose points, and corners of boxes, are first clipped to [lower, upper]."""
 
         def cut(function: Any, count: int) -> Any:
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
@@ -444,12 +436,12 @@ class BlackBox:
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
 
     def under(self, u: FloatArray) -> "BlackBox":
-        """A drift or a gain of (points, u, t) under one input u (m,), as a black box of (points, t)."""
+        """A drift or a gain under one input u, as a black box of (points, t)."""
         enclosure = self.enclosure and partial(_with_input, self.enclosure, 2, u)
         return replace(self, function=partial(_with_input, self.function, 1, u), enclosure=enclosure)
 
     def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """Lower and upper bounds, (M, *shape) each, over M boxes, corners (M, n), and an interval of time.
+        """Lower and upper bounds, (M, *shape) each, over M boxes and an interval of time.
 
         What the enclosure says, or value in the middle -+ (slope |half of the box| + rate times half of the duration).
         """
@@ -483,7 +475,7 @@ class BlackBox:
         return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
-        """Lower bounds (M,) of a level set at points (M, n) over an interval of time (begin, end)."""
+        """Lower bounds (M,) of a level set at points over an interval of time."""
         if self.enclosure is not None:
             return self.bounds(points, points, time)[0]
         if self.rate is None:
@@ -494,7 +486,7 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
-        """The function's values as float64 (M, *shape) at points (M, n); ValueError where they are not finite."""
+        """The function's values as float64 (M, *shape); ValueError where they are not finite."""
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)
@@ -504,10 +496,10 @@ class BlackBox:
 
 
 def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Bounds of `mod` or `arctan2` over M boxes, on both sides of its jump: (2, 2, M), [side][lower, upper][box].
+    """Bounds of `mod` or `arctan2` over M boxes, on both sides of its jump: [side][lower, upper][box].
 
-    a, b (2, M) : bounds of the laps and the period (above 0), or of y and x, where the jump is at y = 0, x <= 0.
-    Without a jump in the box both sides are equal; `mod` with more than one jump has all of [0, period].
+    a, b (2, M) : bounds of the laps and the period, or of y and x, where the jump is at y = 0, x <= 0. Without a jump
+    both sides are equal; `mod` with more than one has all of [0, period].
     """
     if op == "mod":
         laps = np.floor(a)
@@ -528,26 +520,17 @@ ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y an
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
-    """The answer of function(*given), with the input u (m,) inserted as argument number `place`, counted from 0."""
+    """The answer of function(*given), with the input u inserted as argument number `place`."""
     return function(*given[:place], u, *given[place:])
 
 
 def union(*functions: Any) -> Any:
-    """The level-set function of the union of sets, from theirs: min over the functions f of f(points, t).
+    """The level-set function of the union of sets: min over the functions f of f(points, t).
 
     Parameters
     ----------
     functions : callable (points (M, axes), t) -> (M,)
         <= 0 in the sets, all of the same axes.
-
-    Returns
-    -------
-    callable (points (M, axes), t) -> (M,)
-
-    Raises
-    ------
-    ValueError
-        If an argument is no function of (points, t).
 
     Examples
     --------
@@ -562,21 +545,12 @@ def union(*functions: Any) -> Any:
 
 
 def intersection(*functions: Any) -> Any:
-    """The level-set function of the intersection of sets, from theirs: max over the functions f of f(points, t).
+    """The level-set function of the intersection of sets: max over the functions f of f(points, t).
 
     Parameters
     ----------
     functions : callable (points (M, axes), t) -> (M,)
         <= 0 in the sets, all of the same axes.
-
-    Returns
-    -------
-    callable (points (M, axes), t) -> (M,)
-
-    Raises
-    ------
-    ValueError
-        If an argument is no function of (points, t).
 
     Examples
     --------
@@ -591,7 +565,7 @@ def intersection(*functions: Any) -> Any:
 
 
 def complement(function: Any) -> Any:
-    """The level-set function of all that is not in a set, from the set's function f: -f(points, t).
+    """The level-set function of all that is not in a set: -f(points, t).
 
     The boundary, where f is 0, belongs to both.
 
@@ -599,15 +573,6 @@ def complement(function: Any) -> Any:
     ----------
     function : callable (points (M, axes), t) -> (M,)
         <= 0 in the set.
-
-    Returns
-    -------
-    callable (points (M, axes), t) -> (M,)
-
-    Raises
-    ------
-    ValueError
-        If it is no function of (points, t).
 
     Examples
     --------

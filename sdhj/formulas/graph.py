@@ -27,7 +27,7 @@ _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 
 @dataclass(frozen=True)
 class Lookup:
-    """A table to be interpolated: values at the nodes lower + i * spacing of a grid, checked by `of`."""
+    """A table to be interpolated: values at the nodes lower + i * spacing of a grid."""
 
     values: FloatArray = field(compare=False, repr=False)  # float64, read-only, 1 to `MOST_AXES` axes
     lower: tuple[float, ...]  # the coordinate of the first node on each axis
@@ -76,8 +76,8 @@ def _sealed(values: Any) -> bool:
 class Node:
     """One operation and its operands, or a leaf: a coordinate, a parameter or a constant.
 
-    Nodes are immutable, and equal ones are one object: compare them by `is`. They are made by `leaf`, `constant`,
-    `make`, `power` and `interned` alone. NumPy's products (np.dot, np.einsum) use `+`, `-` and `*` of the entries.
+    Immutable, made by `leaf`, `constant`, `make`, `power` and `interned` alone; compare by `is`. NumPy's products use
+    `+`, `-` and `*` of the entries.
     """
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
@@ -149,7 +149,7 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """The node of operation `op` with these operands, simplified; without operands the constant `value`.
+    """The node of operation `op` with these operands, simplified.
 
     Constants are folded, and nodes replaced (`Rule.simpler`), only where that changes neither a value, to the last bit,
     nor where it is undefined.
@@ -184,7 +184,7 @@ def power(a: Node, b: Node) -> Node:
 def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
     """The nodes of a graph, each once, operands first; their order depends on the graph alone.
 
-    It is empty where there are more than `most`, to keep callers fast; it may be, too, where there are nearly as many.
+    It is empty where there are more than `most`, to keep callers fast, and may be where there are nearly as many.
     """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
@@ -199,9 +199,9 @@ def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
 
 
 def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:
-    """The outputs with all nodes replaced for which `replaced` returns another, and those above made anew by `make`.
+    """The outputs with nodes replaced where `replaced` returns another, and those above made anew by `make`.
 
-    `replaced` is called once for each node, operands first; None keeps the operation.
+    `replaced` is called once for each node, operands first.
     """
     new: dict[Node, Node] = {}
     for one in ordered(outputs):
@@ -213,5 +213,5 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
-    """The indices of all coordinates (kind "x") or parameters (kind "p") that the nodes `outputs` read."""
+    """The indices of all coordinates (kind "x") or parameters (kind "p") that `outputs` read."""
     return {one.value[0] for one in ordered(outputs) if one.op == kind}

@@ -9,27 +9,22 @@ from sdhj.formulas.graph import Lookup, interned, leaf
 
 
 def gridded(values: Any, lower: Any, spacing: Any) -> Callable[[Any], Any]:
-    """A function of points (M, axes) -> (M,) that interpolates values given at the nodes of a grid, multilinearly.
+    """A function of points (M, axes) -> (M,) that interpolates values at the nodes of a grid, multilinearly.
 
-    Beyond the ends of the grid its value is that at the nearest point of the grid. Where a coordinate is NaN, it is
-    NaN. Within a level set, drift or gain it is read as part of the formula.
+    Beyond the grid it is the value at the nearest point; NaN for NaN. Within a level set, drift or gain it is read as
+    part of the formula.
 
     Parameters
     ----------
     values : array of 1 to 6 axes, at least two nodes each
-        Copied, unless it is a read-only, contiguous float64 array that owns its memory.
+        Copied, unless read-only, contiguous float64 that owns its memory.
     lower, spacing : float, one for each axis
-        The coordinate of the first node, and the distance from node to node, in the axes' units.
-
-    Returns
-    -------
-    callable (points (M, axes)) -> (M,)
+        The first node, and the distance from node to node.
 
     Raises
     ------
     ValueError
-        If values are not finite, shapes do not fit, or the values take more than 2^30 bytes, which is the limit for all
-        tables of a problem together.
+        If all tables of a problem take more than 2^30 bytes.
 
     Examples
     --------

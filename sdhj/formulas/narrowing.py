@@ -23,7 +23,7 @@ def where(condition: Node, one: Node, other: Node) -> Node:
 
 
 def quotient(a: Node, b: Node) -> Node:
-    """The node a / b, of "share"s where the parts of a are at most |b| in size and b is plainly above 0."""
+    """The node a / b, of "share"s where the parts of a are at most |b| and b is plainly above 0."""
     # the maximum of a constant above 0 and something, or the sum of one and what is never negative
     has_positive = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     above_zero = has_positive and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
@@ -32,7 +32,7 @@ def quotient(a: Node, b: Node) -> Node:
 
 
 def squares(one: Node) -> list[Node] | None:
-    """The nodes that are squared in `one`, a sum of squares and constants >= 0; None where it is no such sum."""
+    """The nodes that are squared in a sum of squares and constants >= 0; None where it is no such sum."""
     left, found = [one], list[Node]()
     while left:
         one = left.pop()
@@ -48,7 +48,7 @@ def squares(one: Node) -> list[Node] | None:
 def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
     """A node equal to `branch` wherever the condition holds (or does not), with narrower intervals.
 
-    Each inequality that is then true cuts nodes by "min" and "max", and makes "share"s by divisors that it keeps off 0.
+    Each inequality that is then true cuts nodes by "min" and "max", and makes "share"s by divisors off 0.
     """
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch
@@ -98,7 +98,7 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
 
 
 def _is_length(one: Node) -> bool:
-    """Whether a node is never negative by its operation, as an absolute value or a root, or is a constant >= 0."""
+    """Whether a node is never negative by its operation, as an absolute value or a root."""
     return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 
@@ -111,7 +111,7 @@ def _is_nonzero(one: Node, nonzero: set[Node]) -> bool:
 def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
     """The quotient a / b, b not 0, made of "share"s where each part of a is plainly at most |b|, else None.
 
-    `new` has the nodes to be put in place of those below a, and of b.
+    `new` has the nodes to be put in place of those below.
     """
     found = dict[Node, Any]()
     for one in ordered([a], MOST_NARROWED):

@@ -14,7 +14,7 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a user's function, which may be a partial: the state's first, then all others.
+    """The positional parameters of a user's function: the state's first, then all others.
 
     ValueError where the first has the name of an input, disturbance or time: the message shows both readings.
     """
@@ -42,8 +42,8 @@ def parameters_of(
 def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
     """Raise ValueError unless a user's function takes the arguments `first` and then `rest`, all by position.
 
-    The state, or a box of states, may have any name but the first that of an input, disturbance or time; what stands in
-    the place of an argument in `rest` must be called like it, or by a name that means nothing and without a default.
+    The first must not have the name of an input, disturbance or time; what stands in the place of an argument in `rest`
+    must be called like it, or by a name that means nothing and without a default.
     """
     takes = (*first, *rest)
     expected = f"{name} must be a function of ({', '.join(takes)})"

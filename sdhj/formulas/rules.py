@@ -25,9 +25,9 @@ Make = Callable[..., Any]  # `graph.make`: make(name of an operation, *operands,
 class Rule:
     """One operation f of operands a, b and c, and all that is known of it.
 
-    Unless the kernels have a rule of their own for its interval (`direct`), that follows from the values at the ends of
-    the operands' intervals, moved outward by `error`: f rises with every operand, or, if `falls`, falls with the first;
-    if it is `absolute`, with their absolute values.
+    Unless kernels have a rule for its interval (`direct`), that follows from the values at the ends of the operands'
+    intervals, moved outward by `error`: f rises with every operand, or, if `falls`, falls with the first; if it is
+    `absolute`, with their absolute values.
     """
 
     name: str  # the operation's name in texts of formulas, and the field `op` of a node
@@ -101,7 +101,7 @@ def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
 
 
 def _but_for(op: str, neutral: float) -> Callable[..., Any]:
-    """The `Rule.simpler` of "min", "max", "and" and "or": op(a, a) = a = op(a, neutral); constants are joined."""
+    """The `Rule.simpler` of "min", "max", "and" and "or": op(a, a) = a = op(a, neutral)."""
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
         if a is b or _is(b, neutral):
@@ -282,7 +282,7 @@ RULES = {rule.name: rule for rule in (
 
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
-    """What kernels must know to bound operations by intervals: (rules, `tape.COLUMNS`), row `Rule.code`, read-only."""
+    """What kernels must know to bound operations by intervals: (rules, `tape.COLUMNS`), row `Rule.code`."""
     out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP

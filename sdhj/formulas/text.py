@@ -25,7 +25,7 @@ CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so muc
 def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
     """The lines of a formula's results: one for each node, then "return" and the numbers of the results.
 
-    Tables that are looked up are appended to `tables` in place; lines refer to them by position.
+    Tables that are looked up are appended to `tables`; lines refer to them by position.
     """
     order, lines = ordered(outputs), list[str]()
     number = {one: str(i) for i, one in enumerate(order)}
@@ -48,7 +48,7 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The results as nodes, not simplified, from lines that `written` made; ValueError names a line that is wrong."""
+    """The results as nodes, not simplified, from lines that `written` made."""
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
     nodes: list[Node] = []
@@ -78,7 +78,7 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
 
 def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
-    """The node of one line of text, its first word and the others, from those of the lines above."""
+    """The node of one line of text, from those of the lines above."""
     value: Any = None
     if op not in RULES:
         raise ValueError(f"{op!r} is no operation")
@@ -102,14 +102,14 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
 
 
 def _index(word: str, most: int) -> int:
-    """The whole number below `most` that a word spells in decimal digits; ValueError otherwise."""
+    """The whole number below `most` that a word spells in decimal digits."""
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
         raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
 
 
 def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
-    """Whether two lists of nodes have graphs of one structure, whose constants and tables agree to a share `CLOSE`."""
+    """Whether two lists of nodes have graphs of one structure, whose constants and tables agree to `CLOSE`."""
     # from the results downward: what is one node here may be two there, whose constants are nearly equal
     pairs, seen = list(zip(outputs, others, strict=False)), set[tuple[Node, Node]]()
     most = len(ordered(outputs)) + len(ordered(others))  # one structure has no more pairs
@@ -125,7 +125,7 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
-    """Whether the `value`s of two nodes agree: numbers and tables to a share `CLOSE`, anything else exactly."""
+    """Whether the `value`s of two nodes agree: numbers and tables to `CLOSE`, anything else exactly."""
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
         return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)
@@ -133,10 +133,9 @@ def _near(one: Any, other: Any) -> bool:
 
 
 def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
-    """Results as mathematics for people to read: first lines "name = ...", last one line for each result, without a
-    name.
+    """Results as mathematics to read: lines "name = ...", last one line for each result, without a name.
 
-    `names` and `parameters` say what coordinates and parameters are called; numbers are rounded to six digits.
+    `names` and `parameters` say what coordinates and parameters are called.
     """
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)

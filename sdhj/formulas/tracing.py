@@ -40,40 +40,40 @@ LISTS = "min max amin amax sum prod mean var std any all where clip"  # which ma
 
 
 def _joined(value: Any) -> Any:
-    """A list or tuple with traced arrays in it as one traced array with a new first axis; anything else unchanged."""
+    """A list or tuple with traced arrays in it as one traced array with a new first axis."""
     return arrays.stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
 
 
 def _taking_lists(original: Any) -> Callable[..., Any]:
-    """A function that does what NumPy's `original` does, and also takes lists with traced arrays in them."""
+    """A function that does what NumPy's `original` does, and also takes lists with traced arrays."""
     return lambda *args, **options: original(*map(_joined, args), **options)
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
-    """numpy.array of a traced array, or of a list or tuple with traced arrays in it: traced."""
+    """numpy.array of a traced array, or of a list or tuple with traced arrays in it."""
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    """numpy.ascontiguousarray of a traced array, or of a list with traced arrays in it, of one dimension at least."""
+    """numpy.ascontiguousarray of a traced array, or of a list with traced arrays in it."""
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
 def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
-    """A function that calls `ours` where its first argument holds a traced array, else NumPy's `original`."""
+    """A function that calls `ours` where its first argument holds a traced array, else `original`."""
     known = raising_not_traced(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
-    """numpy.full: a new traced array of the shape of `room`, whose entries are not read, filled with a value."""
+    """numpy.full: a traced array of the shape of `room`, filled with a value."""
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
 def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
-    """The stand-in for np.zeros, ones, empty or full: traced if traced values may be written into the array."""
+    """The stand-in for np.zeros, ones, empty or full: traced if traced values may be written into it."""
     original = getattr(np, name)
     filled = raising_not_traced(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
@@ -89,7 +89,7 @@ def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
 
 def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any]:
-    """The stand-in for np.tile, repeat or broadcast_to: traced if traced values may be written into the array."""
+    """The stand-in for np.tile, repeat or broadcast_to: traced if traced values may be written into it."""
 
     def repeat(*args: Any, **options: Any) -> Any:
         answer = original(*args, **options)
@@ -100,7 +100,7 @@ def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any
 
 
 class _Joining:
-    """Stands for np.c_ or np.r_, as in np.c_[a, b]: traced arrays are joined as columns, or along the first axis."""
+    """Stands for np.c_ or np.r_: traced arrays are joined as columns, or along the first axis."""
 
     def __init__(self, original: Any) -> None:
         self.original, self.columns = original, original is np.c_
@@ -110,7 +110,7 @@ class _Joining:
 
     @raising_not_traced
     def _join(self, at: Any) -> Any:
-        """The arrays `at`, one or a tuple, joined: by np.c_ along the last axis, by np.r_ along the first."""
+        """The arrays `at` joined: by np.c_ along the last axis, by np.r_ along the first."""
         parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
         if self.columns:
             parts = [one if one.ndim > 1 else one[:, None] for one in parts]
@@ -118,7 +118,7 @@ class _Joining:
 
 
 class _Replaced:
-    """Stands for the module numpy, or for something in it: some attributes are replaced, all others the original's."""
+    """Stands for the module numpy, or for something in it: some attributes are replaced."""
 
     def __init__(self, original: Any, new: dict[str, Any]) -> None:
         vars(self).update(new, _original=original)
@@ -131,7 +131,7 @@ class _Replaced:
 
 
 def _numpy(rows: int) -> _Replaced:
-    """The stand-in for the module numpy in the trace that is under way, of a function called with `rows` points."""
+    """The stand-in for the module numpy in the trace under way, of a function called with `rows` points."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
@@ -144,7 +144,7 @@ def _numpy(rows: int) -> _Replaced:
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
-    """The dictionaries of globals in which a user's function, or those that it may call, look up the name `np`."""
+    """The globals in which a user's function, or those that it may call, look up the name `np`."""
     while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
         function = inner
     function = getattr(function, "__func__", function)
@@ -163,7 +163,7 @@ def _users_modules() -> list[dict[str, Any]]:
 
 
 def _is_users(name: str, module: Any) -> bool:
-    """Whether a module is the user's: a Python file neither installed nor of this package but for `sdhj.arm`."""
+    """Whether a module is the user's: neither installed nor of this package but for `sdhj.arm`."""
     # of a compiled module, which is left out, np.empty has to return an array: it does not ask
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
@@ -171,7 +171,7 @@ def _is_users(name: str, module: Any) -> bool:
 
 
 def _names_of_numpy(function: Any) -> list[tuple[dict[str, Any], str]]:
-    """(globals, name) for each global name by which a user's function may find the module numpy or a stand-in."""
+    """(globals, name) for each global name by which a user's function may find numpy or a stand-in."""
     return [
         (names, name)
         for names in _globals_of(function)
@@ -183,10 +183,9 @@ def _names_of_numpy(function: Any) -> list[tuple[dict[str, Any], str]]:
 
 @contextmanager
 def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[None]:
-    """A context in which `_numpy(rows)` stands for the module numpy in the entries `places` of `_names_of_numpy`.
+    """A context in which `_numpy(rows)` stands for numpy in the entries `places` of `_names_of_numpy`.
 
-    Numba's compiler lock is held meanwhile, so that no kernel is compiled whose code names numpy; other threads that
-    compile, or trace, wait.
+    Numba's compiler lock is held meanwhile, so that no kernel is compiled whose code names numpy.
     """
     with global_compiler_lock:
         new, before = _numpy(rows), [(names, name, names[name]) for names, name in places if name in names]
@@ -203,7 +202,7 @@ def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[N
 
 
 def points_of(count: int, rows: int) -> Traced:
-    """The points with which a function of `count` coordinates is traced, a read-only traced array (rows, count)."""
+    """The points with which a function of `count` coordinates is traced, read-only (rows, count)."""
     entries = np.empty((rows, count), object)
     for row in range(rows):
         entries[row] = [leaf("x", k, row) for k in range(count)]
@@ -219,7 +218,7 @@ def parameter(first: int, count: int | None = None) -> Traced:
 
 
 def rows_for(*lengths: int) -> int:
-    """How many points to trace with: neither it nor the next one is the length of an axis, to confuse it with."""
+    """How many points to trace with: neither it nor the next one is the length of an axis."""
     return next(rows for rows in itertools.count(3) if not {rows, rows + 1}.intersection(lengths))
 
 
@@ -234,8 +233,8 @@ def traced(
 ) -> tuple[list[Node], tuple[int, ...]]:
     """The nodes of a function's answer for one point, flattened, and the shape of that answer.
 
-    The function is called with `rows` points and, if `again`, with one more; its answer must not depend on their
-    number, on chance or on earlier calls, nor may that for one point depend on another point.
+    The answer must not depend on the number of points (`rows`, and one more `again`), on chance or on earlier calls,
+    nor may that for one point depend on another point.
     """
     found, places = list[list[Node]](), _names_of_numpy(function)
     try:
@@ -270,7 +269,7 @@ def traced(
 
 
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
-    """Whether a function answers for point `row` as for point 0, each with its own coordinates and no other's."""
+    """Whether a function answers for point `row` as for point 0, each with its own coordinates."""
     pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
     for one, its in pairs:  # to which operands are added
         if known.get(one) is its:
@@ -292,7 +291,7 @@ def _traced_answer(
     arguments: Callable[[int], Sequence[Any]],
     places: list[tuple[dict[str, Any], str]],
 ) -> Any:
-    """Call a user's function once, as a trace of its own, and return its answer as an object array of nodes.
+    """A user's function's answer, of one call, as an object array of nodes.
 
     NotTraced where anything was refused meanwhile, else the function's own exception, with a note.
     """

@@ -12,10 +12,9 @@ T = TypeVar("T")
 
 
 def read_only(value: T) -> T:
-    """Make an array, or all arrays in tuples, lists and dicts, read-only in place; returns the same object.
+    """Make an array, or all arrays in tuples, lists and dicts, read-only in place.
 
-    Every array that is kept is: to compiled code a read-only array has another type, and a kernel that is given both
-    kinds is compiled twice.
+    To compiled code it has another type, and a kernel that is given both kinds is compiled twice.
     """
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
@@ -26,13 +25,13 @@ def read_only(value: T) -> T:
 
 
 def _refuse(self: Any, *_: Any, **__: Any) -> Any:
-    """Raise TypeError, which says how to write to a copy: every writing method of `Sealed` and `SealedList`."""
+    """Raise TypeError, which says how to write to a copy."""
     kind = "dict" if isinstance(self, dict) else "list"
     raise TypeError(f"this {kind} is read-only, as everything that is handed out; write to a copy, {kind}(it)")
 
 
 class Sealed(dict[str, Any]):
-    """A dict that cannot be written, nor the mappings and lists in it: TypeError. `dict(sealed)` can be written."""
+    """A dict that cannot be written, nor the mappings and lists in it; `dict(sealed)` can be."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
         super().__init__({name: sealed_copy(one) for name, one in given.items()})
@@ -40,12 +39,12 @@ class Sealed(dict[str, Any]):
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> Any:
-        """Pickle as a dict of the entries, which is sealed again when it is read."""
+        """Pickle as a dict, which is sealed again when it is read."""
         return Sealed, (dict(self),)
 
 
 class SealedList(list[Any]):
-    """A list that cannot be written, nor the mappings and lists in it: TypeError. `list(sealed)` can be written."""
+    """A list that cannot be written, nor the mappings and lists in it; `list(sealed)` can be."""
 
     def __init__(self, given: Iterable[Any]) -> None:
         super().__init__(map(sealed_copy, given))
@@ -54,12 +53,12 @@ class SealedList(list[Any]):
     pop = remove = clear = sort = reverse = _refuse
 
     def __reduce__(self) -> Any:
-        """Pickle as a list of the entries, which is sealed again when it is read."""
+        """Pickle as a list, which is sealed again when it is read."""
         return SealedList, (list(self),)
 
 
 def sealed_copy(value: Any) -> Any:
-    """A mapping or list as a `Sealed` or `SealedList` copy, a tuple with its entries so; anything else as it is."""
+    """A mapping or list as a `Sealed` or `SealedList` copy, a tuple with its entries so."""
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:

@@ -17,7 +17,7 @@ SIDE = 256  # nodes of rows that are turned together
 class Leaves(NamedTuple):
     """What `maximum_of_intervals` computes: leaf i is the maximum of function parent[i] over the intervals which[i].
 
-    An interval lies alike around every node of an axis; its ends are interpolated.
+    An interval lies alike around every node of an axis.
     """
 
     # (leaves,)
@@ -43,7 +43,7 @@ def _limited(a, b):
 def _interpolate_end(out, values, taps, weight, start, stop, raised):
     """out = a + share (b - a) + bend times the limited second difference, at one end of an interval, in place.
 
-    a, b are rows start to stop of values (n, B), left and right of the end. With `raised`, the greater of that and out.
+    a, b are rows start to stop of values (n, B). With `raised`, the greater of that and out.
     """
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
@@ -61,10 +61,7 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
 
 @kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """Write to `out` the maximum of values[:, start:stop], (n, B), over interval `kind` around a node, in place.
-
-    With `raised`, the greater of that and what was in out.
-    """
+    """out = the maximum of values[:, start:stop], (n, B), over interval `kind` around a node; if `raised`, or out."""
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
@@ -103,7 +100,7 @@ def _maxima_of_turned_rows(out, values, kind, leaves, raised):
 def maximum_of_intervals(values, leaves, raised, out):
     """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node, in place.
 
-    values (functions, A, n, B), out (leaves, A, nodes, B). With `raised`, the greater of that and what was in out.
+    values (functions, A, n, B), out (leaves, A, nodes, B). With `raised`, the greater of that and out.
     """
     count, before, nodes, after = out.shape
     short = after < SHORT and before > 1

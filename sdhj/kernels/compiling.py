@@ -70,7 +70,7 @@ LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for n
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for other processes.
+    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk.
 
     With parallel=True, loops are shared out to threads if the largest array has `least` entries.
     """
@@ -109,7 +109,7 @@ class Kernel(CPUDispatcher):
 
 
 class Whole(Compiler):
-    """Numba's compiler for a function that Python calls: optimised once, with all that it calls, which is `Linked`."""
+    """Numba's compiler for a function that Python calls: optimised once, with all that it calls."""
 
     def compile_extra(self, func: Any) -> Any:
         codegen = self.state.targetctx.codegen()
@@ -128,9 +128,8 @@ class Whole(Compiler):
 class Linked(JITCodeLibrary):
     """Numba's library of a function that is called by what is being compiled: no machine code is made of it by itself.
 
-    Unless Python can call the function, too, as `numba.njit` compiled it elsewhere: that library is `whole`, made as
-    ever. LLVM's passes over one function at a time stay: without them loops that are linked are not vectorised, and a
-    union takes half as long again.
+    Unless Python can call it, too (`whole`). LLVM's passes over one function at a time stay: without them loops that
+    are linked are not vectorised, and a union takes half as long again.
     """
 
     whole = False
@@ -150,7 +149,7 @@ class Linked(JITCodeLibrary):
     def get_pointer_to_function(self, name: str) -> int:
         """The address of a function in machine code; 0 for a part, which has none.
 
-        The first call, before the library is finished, sets `whole`: whether a wrapper for Python is defined here.
+        The first call sets `whole`: whether a wrapper for Python is defined here.
         """
         if not self._finalized:
             defined = (function.name for function in self._final_module.functions if not function.is_declaration)
@@ -169,8 +168,7 @@ class Linked(JITCodeLibrary):
 class MachineCode:
     """Compiled versions of a function on disk, a file for each: a digest, and then the key and the code.
 
-    It stands in for the object of Numba's cache that has `load`, `save` and `flush`. Of Numba's own files, damaged code
-    ends the process, and a damaged index every later one.
+    In place of Numba's cache, of which damaged code ends the process, and a damaged index every later one.
     """
 
     def __init__(self, files: Any, source: str) -> None:
@@ -181,11 +179,11 @@ class MachineCode:
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
-        """The file of the code for a key, Numba's signature and target, named by a digest of it and the stamp."""
+        """The file of the code for a key, named by a digest of it and the stamp."""
         return Path(f"{self.start}.{blake2b(self.stamp + repr(key).encode(), digest_size=16).hexdigest()}.code")
 
     def load(self, key: Any) -> Any:
-        """The code kept under a key, whose file now counts as used; None where there is none or it is damaged."""
+        """The code kept under a key, whose file now counts as used; None where it is damaged."""
         path = self._path(key)
         try:
             whole = path.read_bytes()
@@ -199,7 +197,7 @@ class MachineCode:
         return data if kept == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the code `data` under a key, in a file that appears whole or not at all; OSError where it cannot."""
+        """Keep the code under a key, in a file that appears whole or not at all."""
         path, code = self._path(key), self.dump((key, data))
         temporary = path.with_suffix(f".{uuid.uuid4().hex}.code")
         try:
@@ -210,7 +208,7 @@ class MachineCode:
         _clear(path.parent)
 
     def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """A dispatcher's method `compile_it`, made to run in one process at a time for each signature.
+        """A dispatcher's method, made to run in one process at a time for each signature.
 
         Locks are taken in the order in which functions call one another, so no two processes wait for each other, and
         the system frees those of a process that has ended.
@@ -226,7 +224,7 @@ class MachineCode:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """A context that one process at a time may be in, for each path; any may where files cannot be locked."""
+    """A context that one process at a time may be in, for each path, where files can be locked."""
     lock = None
     with suppress(OSError):
         if fcntl is not None:
@@ -242,7 +240,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _cache_is_optional() -> Iterator[None]:
-    """A context in which any error of the cache on disk is caught and said once: Numba then compiles the kernel."""
+    """A context in which any error of the cache on disk is said once: Numba then compiles the kernel."""
     try:
         yield
     except Exception as error:
@@ -264,8 +262,8 @@ def _say_uncached(why: str) -> None:
 class Shared:
     """A compiled function whose loops are shared out over threads; one such function runs at a time, others wait.
 
-    On the simplest of Numba's threading layers two at once would end the process. A process that was forked off one
-    whose OpenMP threads have started would end, or wait for ever, at its first call; here it gets a RuntimeError.
+    On the simplest of Numba's threading layers two at once would end the process. A process forked off one whose OpenMP
+    threads have started would end, or wait for ever; here it gets a RuntimeError.
     """
 
     running = threading.RLock()
@@ -303,8 +301,8 @@ class Shared:
 def free_cores() -> int:
     """How many cores no other program keeps busy, at least one; all cores where that cannot be seen.
 
-    A loop that is shared out ends with its slowest thread, and a thread that has to share its core is slow: beside a
-    busy program a solve by two threads on two cores took 1.4 to 1.7 times as long as by one.
+    A thread that has to share its core is slow: beside a busy program a solve by two threads on two cores took 1.4 to
+    1.7 times as long as by one.
     """
     cores, now = os.cpu_count() or 1, time.monotonic()
     if now - Shared.looked >= GLANCE:
@@ -333,7 +331,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator for functions that are compiled into each kernel that calls them, anew for all types of arguments.
+    """A decorator for functions that are compiled into each kernel that calls them.
 
     The function may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are
     unrolled, when compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
@@ -351,8 +349,7 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
     """A function for kernels that calls one of the `inlined` functions of a table, decided when the kernel is compiled.
 
-    Its first argument is `choice(table, name)`, a tuple whose length says which; the others are handed on. The table is
-    read once: what is added to it later is not seen.
+    Its first argument is `choice(table, name)`, a tuple whose length says which. The table is read once.
     """
     functions = tuple(table.values())
 
@@ -385,7 +382,7 @@ def sources() -> str:
 
 @cache
 def _clear(folder: Path) -> None:
-    """Remove the files of compiled kernels in a folder that nobody has used for `KEPT_DAYS`, once in a process."""
+    """Remove the kernels in a folder that nobody has used for `KEPT_DAYS`, once in a process."""
     for path in folder.glob("*.code"):
         with suppress(OSError):  # another process may be at it
             if time.time() - path.stat().st_mtime > KEPT_DAYS * 86400:
@@ -419,7 +416,7 @@ def hidden(progress: bool | None) -> bool:
 def announced(progress: bool | None = None) -> Iterator[None]:
     """A context that says once on standard error that kernels are compiled, should any be, unless `progress` is False.
 
-    Unlike a bar it is also said where standard error is no terminal, but for cells of notebooks, which would keep it.
+    Also where standard error is no terminal, but for cells of notebooks, which would keep it.
     """
     in_cell = type(sys.stderr).__module__.startswith("ipykernel")
     if _listening or in_cell or hidden(progress is not False):  # what is around it says it already

@@ -160,7 +160,7 @@ def _product(a, b):
 def _long_log(x):
     """(high, low): log(x) as the sum of two floats, to 62 bits, for x > 0 and finite.
 
-    2 artanh(s), s = f / (2 + f) as two floats; so are the first two terms of the series 2 (s + s^3/3 + s^5/5 ...).
+    2 artanh(s), s = f / (2 + f) and the first two terms of the series 2 (s + s^3/3 + s^5/5 ...) as two floats.
     """
     k, f = _split(x)
     t = 1.0 + (1.0 + f)

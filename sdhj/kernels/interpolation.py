@@ -13,7 +13,7 @@ FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it i
 
 
 class Lattice(NamedTuple):
-    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, named as in `Grid` where it has them.
+    """A grid as compiled code reads it: arrays (ndim,).
 
     What is looked up may be stored at some nodes only, along each axis at `extent` nodes from the node `first`.
     """
@@ -64,7 +64,7 @@ def on_grid(point, lattice):
 
 @kernel()
 def nodes_around(point, axes, lattice, tiny, index, weight):
-    """Write flat indices and weights of the nodes around a point (ndim,) on a subgrid (`axes`); returns how many nodes.
+    """Write flat indices and weights of the nodes around a point on a subgrid (`axes`); returns how many nodes.
 
     index, weight (2^len(axes),) : overwritten. A weight below `tiny` is rounding: the point is on the other node.
     """

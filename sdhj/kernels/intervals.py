@@ -62,8 +62,7 @@ def widened(low, high, share, tiny, zero):
 def summed(a, b, c, d):
     """(low, high): the sums a + b and c + d, each moved outward only where it is not already beyond the exact sum.
 
-    So a sum that is exact stays, and where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may
-    be 9.5, the end is still in the set.
+    So where the border of a set is the end of the grid, that is still in the set.
     """
     low, high = a + b, c + d
     rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)

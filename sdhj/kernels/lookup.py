@@ -58,8 +58,8 @@ def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, st
 def _write_displacement_sets(begin, rows, states, ints, floats, ends, near, boxes, at, hulls, work):
     """Write what inputs lead to from states to `near` (4 + K, L, ndim, R), and hulls of their boxes to `hulls`.
 
-    Returns how many nodes a hull may touch at most, -1 where formulas are undefined. By the tape for it, or from the
-    columns of `ends` from `begin` on. boxes : the leading terms of `near` that make hulls. at (R, ndim) : overwritten.
+    By the tape for it, or from the columns of `ends` from `begin` on; the first `boxes` terms of `near` make hulls.
+    Returns how many nodes a hull may touch at most, -1 where formulas are undefined. at (R, ndim) : overwritten.
     """
     ndim, most = states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -92,7 +92,7 @@ class Room(NamedTuple):
 
 @kernel(**UNCOUNTED)
 def _answer(rows, states, step, within, checks, ints, floats, stored_tubes, leads, room, out):
-    """Write to `out` the answers for the states with numbers `rows`; returns False where formulas are undefined.
+    """Write to `out` the answers for the states with numbers `rows`; False where formulas are undefined.
 
     Column r of leads.ends is that of states[rows[r]].
     """
@@ -113,12 +113,12 @@ def decide(
 ):  # fmt: skip
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
-    Returns whether all formulas have values wherever they were evaluated; else what is written is worthless.
+    Returns whether all formulas had values; else what is written is worthless.
 
-    rows (R,) : which states, in the order in which they are looked up: neighbours share what the cache holds.
-    step, within : k; and inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, if more.
-    checks : `TUBES`, `TRUE_SETS_TOO`, or `TRUE_SETS_ONLY`, which begins with what is in to_go, safe, margins and best.
-    ints, floats : what is `packed` of the problem at this step (`sdhj.kernels.tubes`). If it has a tape for what inputs
+    rows (R,) : which states, neighbours one after the other. step, within : k; and inputs are judged by the tube of the
+    fewest steps to go, but of `within`, at least 1, if more. checks : `TUBES`, `TRUE_SETS_TOO`, or `TRUE_SETS_ONLY`,
+    which begins with what is in to_go, safe, margins and best. ints, floats : what is `packed` of the problem at this
+    step (`sdhj.kernels.tubes`). If it has a tape for what inputs
         lead to, that is played, and `ends` not read.
     steps, index, tubes, marks, static, moving : as in `StoredTubes`.
     ends, scores, normals : as in `Leads`.

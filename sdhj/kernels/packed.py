@@ -40,7 +40,7 @@ class Cells(NamedTuple):
 
 
 def to_words(bits: FloatArray) -> FloatArray:
-    """Bits, bool (..., n), packed as uint64 (..., ceil(n / 64)): bit b of word w is number 64 w + b, 0 behind the n."""
+    """Bits, bool (..., n), packed as uint64 (..., ceil(n / 64)): bit b of word w is number 64 w + b."""
     padded = np.zeros((*bits.shape[:-1], -(-bits.shape[-1] // 64) * 64), np.bool_)
     padded[..., : bits.shape[-1]] = bits
     return np.packbits(padded, axis=-1, bitorder="little").view(np.uint64)
@@ -123,7 +123,7 @@ def transpose_word_block(block):
 def swap_packed(sets, first, middle, last, out):
     """The packed axis changes places with another: bit b of row (o, a, m) becomes bit a of row (o, b, m) of `out`.
 
-    sets (outer * first * middle, ceil(last / 64)), out (outer * last * middle, ceil(first / 64)) uint64, overwritten.
+    sets (outer * first * middle, ceil(last / 64)), out (outer * last * middle, ceil(first / 64)).
     """
     outer = sets.shape[0] // (first * middle)
     for i in prange(outer * middle):
@@ -208,7 +208,7 @@ def add_certified(cells, first, number, allowed, clear, out):
 def cells_at(state, cells, slack, found):
     """Write to found (2^ndim, ndim) the cells within slack (ndim,) of a state (ndim,), each once; returns how many.
 
-    0 for a state that is off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away.
+    0 off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away.
     """
     held = 1
     for axis in range(state.size):
@@ -275,7 +275,7 @@ def first_holding(cell, most, cells, index, pool):
 def fewest_steps(states, cells, slack, index, pool, out):
     """out[m] = the number of the first of n nested sets with a cell within slack of states[m], n for none; in place.
 
-    index (n, R), pool (B, W) : the numbers of the blocks of each set's rows, each set inside the next, and the blocks.
+    index (n, R), pool (B, W) : the numbers of the blocks of each set's rows, and the blocks.
     """
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):

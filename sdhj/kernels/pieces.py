@@ -15,10 +15,7 @@ from sdhj.kernels.compiling import kernel
 
 @kernel(nogil=True)
 def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosure):
-    """ends = start + moved, and `enclosure` a guess of what boxes sweep in the next piece: both (2, M, ndim), in place.
-
-    The ends, moved outward by 1.2 times as much as in the piece `before`, and the shell; start where shift-invariant.
-    """
+    """ends = start + moved, and `enclosure` a guess of what boxes sweep in the next piece, both in place."""
     for side in range(2):
         way = 2.0 * side - 1.0
         for m in range(start.shape[1]):
@@ -38,7 +35,7 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
     """out = the hull of `ends` and ends + h velocity, a quarter of the shell wider; returns whether in `enclosure`.
 
     All (2, M, ndim). If it stays strictly inside, the velocities, which hold in the enclosure, were right; False for
-    NaN. Along shift-invariant axes it is the ends, and nothing is checked: no velocity depends on them.
+    NaN. Shift-invariant axes are not checked: no velocity depends on them.
     """
     inside = True
     for side in range(2):
@@ -96,7 +93,7 @@ def clip_to_walls(start, moved, shift_invariant, walls):
 
 @kernel(nogil=True)
 def boxes_of_product(at, ends, sizes, out):
-    """Write to out (2, M, d) the boxes with flat numbers at (M,) of a product of intervals, the last axis fastest.
+    """Write to out (2, M, d) the boxes with flat numbers at (M,) of a product of intervals.
 
     ends (2, d, most) : the lower and the upper ends of the intervals along each axis, sizes (d,) of them.
     """

@@ -28,9 +28,8 @@ _inlined = inlined()
 class Layout(NamedTuple):
     """How a grid function lies in memory: planes of the last two axes (one row, for one axis alone), with ghost nodes.
 
-    A plane is flat: rows + 2 top padded rows of `width` = nodes + 2 ghosts values. The kernels run over `chunks` runs
-    of whole rows of a plane, ghost nodes in between included, because one long loop is faster than many short ones; the
-    ghost nodes are set afterwards.
+    A plane is flat: rows + 2 top padded rows of `width` = nodes + 2 ghosts values. Kernels run over `chunks` runs of
+    whole rows, ghost nodes included, as one long loop is faster than many short ones; these are set afterwards.
     """
 
     near: FloatArray  # (planes, ndim, 6): where a plane begins when moved 1, 2, 3 nodes left or right along each axis
@@ -76,8 +75,7 @@ def second_order(c, left, right):
 def third_order(c, left, right):
     """(dx p-, dx p+): slopes of parabolas, corrected by a third difference (ENO, Osher & Shu 1991).
 
-    The parabola is the one that bends less of two, through the node and two on one side or one on each; the correction
-    is by the smaller of two third differences.
+    The parabola that bends less of two, and the smaller of two third differences.
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
@@ -120,7 +118,7 @@ _differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
 def _runs_of_axes(rest, near, start, first, velocities):
     """For each axis a tuple of where the three runs to its left and the three to its right begin, and its `_velocity`.
 
-    Computed before the loop and kept in registers: for all the compiler knows, the loop may write to any array.
+    Before the loop and kept in registers: for all the compiler knows, the loop may write to any array.
     """
     if len(rest) == 0:
         return ()
@@ -297,8 +295,7 @@ def stage(phi, out, obstacle, velocities, order, flux, layout, dt, keep):
     """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`; in place.
 
     phi, out : values as `Layout` has them, an axis of the array for each of the grid; ghost nodes of out are set.
-    obstacle : likewise; or (0,) for none.
-    velocities : a tuple, whose length says what is in it when this is compiled.
+    obstacle : likewise; or (0,). velocities : a tuple, whose length says what is in it.
         (box,): the lower velocities of all axes, then the upper ones, divided by dx.
         (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx.
         (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes), by

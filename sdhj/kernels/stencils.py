@@ -226,7 +226,7 @@ def grow(near, inside, following, clear, moves, cells, keep):
 def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices, images_in, begins):
     """What `grow` does, for row number `row`: near (W,), inside (W,) in place, the other set as pool[index].
 
-    indices (4, ndim), images_in (L,), begins (G,) : overwritten; the second is of length 0 unless `pool` is extended.
+    indices (4, ndim), images_in (L,), begins (G,) : overwritten.
     """
     begin, tried = 0, 0
     last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
@@ -290,8 +290,7 @@ def add_marked(inside, clear, marks, strides, counts):
 def boxes_along(low, high, k, lattice):
     """(first, past): which boxes along the lattice's k-th axis [low, high] overlaps, that at low at least.
 
-    On a periodic axis the first is in the first of two laps; what is past an end of a bounded one overlaps the box
-    there.
+    On a periodic axis the first is in the first of two laps.
     """
     size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
     begin, end = low - lattice.lower[k], high - lattice.lower[k]
@@ -328,8 +327,8 @@ TOGETHER, CELLS_IN_CACHE, CELLS_TOGETHER = 16, 1 << 22, 1 << 14
 class Placed(NamedTuple):
     """The order of cells in memory: number = begin[place] + offset[line] + n * stride, with 0 <= n < length.
 
-    So cells are sorted by place and by line, a stretch of cells along `axis`. For `mark_collisions` this axis is one of
-    the lattice's, even where a line is a single cell.
+    A line is a stretch of cells along `axis`, for `mark_collisions` one of the lattice's, even where it is a single
+    cell.
     """
 
     counts: FloatArray  # (ndim,): the numbers of cells
@@ -399,8 +398,8 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
 def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
     """What `mark_collisions` does, for chunk number `chunk` of `CHUNKS` of the cells.
 
-    Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
-    up in each part. A line of one place is followed by that of the next, of some places, so that memory is read once.
+    Span 0 is the whole interval: only cells whose tube meets something there are looked up in each part. A line of one
+    place is followed by that of the next, so that memory is read once.
     """
     cell, known, along, hulls, corner, at, left, met = scratch
     lines, sums = layout.offset.size, lattice.sums
@@ -517,8 +516,7 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, cell, far):
     """What `mark_exits` does, for chunk number `chunk` of `CHUNKS` of the cells.
 
-    A line is looked at from its first cell on until one stays, and from its last back: cells between two that stay do
-    so, too, as all move alike, and the nearer a cell is to a safe end the sooner it is out.
+    A line is looked at from both ends until a cell stays: those between do so, too, as all move alike.
     """
     lines, along = layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
@@ -583,8 +581,8 @@ def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
 def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
     """out[m, j] &= whether input j leads from the cell some[m], of lines along an axis, into its set; in place.
 
-    What `certified_inputs` says of inputs that are known to be safe, for n, steps_left[m] >= 1. From cell to cell of a
-    line, an image goes on along the axis, and only what of it is new is looked at.
+    `certified_inputs` of inputs known to be safe. From cell to cell of a line only what is new of an image is looked
+    at.
 
     along : an axis, not the last one, that no place depends on, without safe ends.
     """

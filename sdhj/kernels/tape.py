@@ -70,7 +70,7 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
 
 
 def packed(*arrays: Packable) -> Tape:
-    """Arrays one behind the other in two flat ones, a read-only `Tape`: whole numbers in `ints`, floats in `floats`.
+    """Arrays one behind the other in a read-only `Tape`: whole numbers in `ints`, floats in `floats`.
 
     Before the whole numbers stands where each array begins and ends; `part` finds it. A list counts as one array.
     """
@@ -278,8 +278,7 @@ def _interpolated(tables, first, lookup, position, corner):
 def _gridded(lookup, places, tables, scratch, place, out, count, position, corner):
     """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; in place.
 
-    scratch, place : the coordinates are the rows place[slot] of scratch, of the slots in `lookup`. position (6,),
-        corner (64,) : overwritten.
+    scratch, place : the coordinates are the rows place[slot] of scratch, of the slots in `lookup`.
     """
     for m in range(count):
         fine = True
@@ -310,8 +309,7 @@ def work_for(slots, points):
 def play_with_scratch(ints, floats, first, points, parameters, out, start, stop, work):
     """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], (K, M).
 
-    Returns 0 where all are finite, else NaN. first : the number of the tape's code among packed arrays. work : with
-    room for the tape's slots and min(BLOCK, stop - start) points.
+    Returns 0 where all are finite, else NaN. first : the number of the tape's code among packed arrays.
     """
     # A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
     # overwritten.
@@ -389,8 +387,7 @@ def _magnitudes(scratch, i, k, count):
 def _values_at_extremes(op, fact, scratch, i, j, k, n, count):
     """Write an operation's values where it is least and greatest, not rounded, to rows 2 k and 2 k + 1 of scratch.
 
-    Values at ends of the operands' intervals, in rows 2 i and 2 j and the next ones; fact (COLUMNS,). The last four
-    rows of scratch are overwritten.
+    The operands' intervals are in rows 2 i and 2 j and the next ones. The last four rows of scratch are overwritten.
     """
     work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):
@@ -508,8 +505,8 @@ def _copy_nodes(lookup, tables, first, last, block, at):
 def _interpolate_ends(block, before, count, behind, low, high):
     """Replace a block's values at the first and the last of `count` nodes along an axis by those at two ends, in place.
 
-    block (before, count, behind), flat. The interval begins `low` of a cell behind the first node and ends `high` of a
-    cell behind the last node but one.
+    block (before, count, behind), flat; `low` and `high` are parts of a cell behind the first node and the last but
+    one.
     """
     for row in range(before):
         begin, end = row * count * behind, (row * count + count - 2) * behind
@@ -547,8 +544,7 @@ def _extremes_of_blocks(lookup, tables, first, last):
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
     """out[0, m], out[1, m] = bounds, rounded outward, of a table's interpolant over box m, for `count` boxes, in place.
 
-    The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis; many nodes
-    are bounded by blocks that cover them (`pyramid`).
+    The extremes are among the ends of the box and the nodes inside; many are bounded by blocks (`pyramid`).
     """
     axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
     ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)

@@ -25,8 +25,7 @@ TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 class SampledSets(NamedTuple):
     """Arrays for the check of R states by the true sets; made by `samples_for`.
 
-    In points, past, unsafe_values and target_values, the `count` points of each state that waits stand one behind the
-    other, in the order of the queue.
+    The `count` points of each state that waits stand one behind the other, in the order of the queue.
     """
 
     # (3, R): [0], the states that wait, as indices into `rows` of the callers; [1], for each state the best input by
@@ -131,8 +130,8 @@ def _place_cut_corners(at, state, j, ends, column, normals, lattice, faces, poin
 def place_points(at, state, j, ends, column, normals, lattice, times, faces, points, past):
     """Write the points at which the true sets are evaluated for input j from a state, and times, to points[at:].
 
-    The path without an adversary, the state, and the corners of what the input leads to; with one time only the state.
-    To past[at:] 1 from a safe end on, -1 where the path is past an unsafe one, else 0.
+    The path without an adversary, the state, and the corners of what the input leads to; with one time the state alone.
+    past[at:] is 1 from a safe end on, -1 where the path is past an unsafe one.
     """
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
@@ -163,8 +162,8 @@ def place_points(at, state, j, ends, column, normals, lattice, times, faces, poi
 def next_input(known, safe, scores, margins, hazard, first):
     """The number of the input to look at next; if it has a verdict already, it is the answer.
 
-    The safe input that has not failed of least score, of equals of least margin; else `first`, the best by the tubes;
-    where that has failed, the one that has not with the least of the larger of margin and hazard.
+    The safe input of least score that has not failed; else `first`, the best by the tubes; else that of the least of
+    the larger of margin and hazard.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
@@ -185,8 +184,7 @@ def next_input(known, safe, scores, margins, hazard, first):
 def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
     """Write for each state that waits the input to look at next to `best`, and its points to `samples`, in place.
 
-    Returns how many states still wait, first in the queue then; the answer of the others is final. Next `evaluate`
-    fills in values, and `judge` is called, until none waits. waiting : -1 at first: all whose to_go is at least 0.
+    Returns how many states still wait, first in the queue then. waiting : -1 at first: all whose to_go is at least 0.
     """
     to_go, safe, margins, best = out
     queue, verdicts, hazard, points, past, _, _ = samples
@@ -217,8 +215,8 @@ def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
 def heed_inputs(waiting, rows, count, under, best, samples):
     """Undo in `samples`, in place, what sets that are unsafe under some inputs say of other inputs and of states.
 
-    What such a set says of the state is said of the first point of the path: the input fails, the state is not lost.
-    under (sets * L,) : for each set and input 1 or 0, or -1 where the set is unsafe under all; or (0,).
+    The input fails, the state is not lost. under (sets * L,) : for each set and input 1 or 0, or -1 where unsafe under
+    all.
     """
     queue, verdicts, past, unsafe_values = samples.queue, samples.verdicts, samples.past, samples.unsafe_values
     last = CHECKED_INSTANTS if count > 1 else 0
@@ -238,10 +236,10 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 def judge(waiting, rows, checks, count, out, samples):
     """Undo in `out` what the values in `samples` refute of the first `waiting` states in the queue; note verdicts.
 
-    The input best[m] fails if a point but the state itself is past an unsafe end or in an unsafe set or, with no steps
-    to go after the interval, a corner is not in the target. A state in an unsafe set is lost: to_go is -1.
+    The input best[m] fails if a point but the state itself is past an unsafe end or in an unsafe set or, at the last, a
+    corner is not in the target. A state in an unsafe set is lost: to_go is -1.
 
-    Returns how many wait for another input, as theirs has failed; these are first in the queue then.
+    Returns how many wait for another input, first in the queue then.
     """
     to_go, safe, margins, best = out
     queue, verdicts, _, _, past, unsafe_values, target_values = samples

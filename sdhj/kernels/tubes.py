@@ -120,7 +120,7 @@ def _marked_by_all(marks, place, index, count, marked):
 def _gather(values, state, column, order, lattice, scratch):
     """Copy values (size,) at the nodes that the box hull[column] around a state touches to scratch.values[rest[0]:].
 
-    The axis order[0] is slowest. Sets begin, rest and offsets as well; there must be room for all nodes (`hull_of`).
+    The axis order[0] is slowest. Sets begin, rest and offsets as well.
     """
     offsets, rest = scratch.offsets, scratch.rest
     offsets[0], rest[state.size] = 0, 1
@@ -175,8 +175,7 @@ def _spread(ends, column, j, axis):
 def is_held(state, ends, column, j, held):
     """Whether input j may lead past a wall: then a state may end outside the sum of its segments, or its planes.
 
-    held (2 ndim,) : lower walls, then upper ones, infinite for none. For planes `ends` is the box alone (`PATH` terms);
-        with segments, axes along which none of them leads do not count.
+    held (2 ndim,) : lower walls, then upper ones, infinite for none.
     """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
@@ -190,8 +189,8 @@ def is_held(state, ends, column, j, held):
 def _count_points(state, ends, column, lattice, scratch):
     """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken.
 
-    Returns the most points of the sum of one input's segments, no farther apart than half a cell. The box is taken
-    where there would be more than `MOST_POINTS`, or a wall may hold a state.
+    Returns the most points of one input, no farther apart than half a cell. The box is taken for more than
+    `MOST_POINTS`, or where a wall may hold a state.
     """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
@@ -234,8 +233,7 @@ def _write_boxes_at_point(point, ends, column, scratch):
 def _count_slabs(state, ends, normals, column, lattice, scratch):
     """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis, for each input.
 
-    0 where its box is taken. Returns (last, most): the last axis that a plane is not parallel to, along which there is
-    one slab, and the most slabs of an input.
+    Returns (last, most): the last axis that a plane is not parallel to, with one slab, and the most slabs of an input.
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
     for k in range(normals.shape[0]):
@@ -293,8 +291,8 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
 def _worst_values(values, state, ends, column, normals, order, lattice, scratch, out):
     """out[j] = the maximum of the interpolated values (size,) over what input j leads to from a state: its margin.
 
-    That is a box, the sum of a box and segments, points of which are looked at, or what lies between planes, cut into
-    slabs; the box around these where a wall may hold a state, or there are too many.
+    That is a box, with points of segments, or slabs between planes; the box around these where a wall may hold a state,
+    or there are too many.
     """
     # What is for planes alone is not compiled where normals is None.
     _gather(values, state, column, order, lattice, scratch)
@@ -317,8 +315,7 @@ def _worst_values(values, state, ends, column, normals, order, lattice, scratch,
 def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
     """Raise out[j] to the maximum, over the box of input j around a state, of the values that `_gather` has copied.
 
-    Axis by axis, in `order`, as in `sdhj.solver.hopf_lax`, so it errs to the safe side. +inf for a box that goes past
-    an unsafe end of the lattice; nothing is raised for one that is past a safe end as a whole.
+    Axis by axis, as in `sdhj.solver.hopf_lax`, so it errs to the safe side.
     """
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
@@ -353,9 +350,8 @@ def _hazard(stored_tubes, step, j, scratch, still, moving):
 def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
     """Write whether each input is safe to safe (L,), for a state at a step, and return the best input.
 
-    An input is safe by marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the
-    safe one of least margin; where none is safe, the one whose larger of margin and avoid tube is least, among those
-    that are marked if any is. See `notebooks/site/code.md`.
+    By marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the safe one of least
+    margin, else the one whose larger of margin and avoid tube is least, marked ones first.
     """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
@@ -440,7 +436,7 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """A new `LookupScratch` for one thread, with room for `size` nodes of a block."""
+    """"""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
@@ -466,10 +462,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found):
-    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), of at most BLOCK points, in loops that vectorise.
-
-    sides (2, BLOCK), index (2^ndim, BLOCK), share (1, BLOCK), weight (2^ndim, BLOCK) : overwritten.
-    """
+    """found[m] = the interpolated tubes[row[m]] at where[m], of at most BLOCK points, in loops that vectorise."""
     here, there, count = sides[0], sides[1], found.size
     index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
     for axis in range(where.shape[1]):

@@ -20,10 +20,7 @@ _inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
-    """The avoid tubes of all L inputs, > 0 in danger, as rows of nodes along the grid's last axis.
-
-    The avoid tube of a row of the grid is the maximum of its static row, the same at all steps, and its moving row.
-    """
+    """The avoid tubes of all L inputs, > 0 in danger, as rows of nodes along the grid's last axis."""
 
     highest: FloatArray  # (L, r): the greatest value of each static row
     # (L, r, B): r different rows of as many nodes as the grid's; or (L, r, 1), one value for each whole row
@@ -101,8 +98,7 @@ def _write_minimum_row(out, reach_sets, j, row):
 def _raise_row(out, bound, highest, row_value):
     """Raise a row, out (B,), to a bound in place; to a bound of one value, return the greater of it and `row_value`.
 
-    A bound that is nowhere higher than the row, as its greatest value, `highest`, tells, is not even read: most of the
-    time goes there.
+    A bound whose `highest` value is below the row is not even read: most of the time goes there.
     """
     if bound.size < out.size:
         return bound[0] if bound[0] > row_value else row_value

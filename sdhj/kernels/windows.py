@@ -18,9 +18,8 @@ from sdhj.kernels.stencils import CHUNKS, cell_of
 class ClearWords(NamedTuple):
     """From which cells inputs are clear in one interval, 64 cells of the last axis in a word, for G kinds of dangers.
 
-    words (words,) uint64 : all of them. begin, each (G,) : where a kind's words begin, and how many an input has.
-    strides (G, ndim) : by how many words they go on along each axis, but along the last one from word to word: 0 along
-    one that the kind does not have, of which a word is all ones or zeros.
+    begin, each (G,) : where a kind's words begin, and how many an input has. strides (G, ndim) : by how many words they
+    go on along each axis: 0 along one that the kind does not have.
     """
 
     words: FloatArray
@@ -33,8 +32,8 @@ class ClearWords(NamedTuple):
 def united_along(boxes, first, last, fine, periodic, out):
     """out[a, i] = OR of boxes[a, b] over the boxes b from fine i + first to fine i + last of an axis, both included.
 
-    boxes (A, fine n, B), out (A, n, B), overwritten. b is taken modulo fine n on a periodic axis, else clipped; first
-    <= last, of cell 0, may be negative.
+    boxes (A, fine n, B), out (A, n, B). b is taken modulo fine n on a periodic axis, else clipped; first <= last, of
+    cell 0, may be negative.
     """
     (outer, count, inner), size = out.shape, boxes.shape[1]
     for task in prange(outer * count):

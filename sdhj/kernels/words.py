@@ -28,7 +28,7 @@ def number_of(cell, counts):
 def slot_of(number, keys):
     """The index in keys (K,) at which the word of a cell with this number is kept, or is to be kept: then it is `FREE`.
 
-    K must be a power of two, and one key at least `FREE`: else the search may not end.
+    K is a power of two, and one key at least `FREE`: else the search may not end.
     """
     slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(32)) & (keys.size - 1)
     while keys[slot] != number and keys[slot] != FREE:
@@ -40,9 +40,8 @@ def slot_of(number, keys):
 def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen, missing):
     """Write what the words say of the cells within slack of states (M, ndim) to to_go, safe (M, L) and chosen.
 
-    Of several cells near a state those count from which the inputs have the fewest steps to go, at least `within`:
-    their inputs are united, and the first one's choice is the state's. Words with more than `most` steps say nothing.
-    -1 for none.
+    Of several cells near a state those with the fewest steps to go, at least `within`, count: their inputs are united,
+    and the first one's choice is the state's. Words with more than `most` steps say nothing. -1 for none.
 
     missing (n,) : overwritten with numbers of cells that have no word, as many as are returned; one may come twice.
     """
@@ -142,9 +141,9 @@ def number_records(records, known, used, slots, out):
 def pack_block(numbers, width, seen, out):
     """Write a block's numbers (cells,), at most 65535 different ones, as bytes to `out`; returns how many.
 
-    In order: how many bits an entry has, a byte; the palette's length, two bytes; the palette, the different numbers in
-    the order in which they come, `width` bytes each; and for each cell an entry, its number's place in the palette.
-    seen (words,) : scratch, -1 everywhere, as it is again in the end.
+    In order: the bits of an entry, a byte; the palette's length, two bytes; the palette, the different numbers as they
+    come, `width` bytes each; and for each cell its number's place in the palette. seen (words,) : -1 everywhere, as it
+    is again in the end.
     """
     colours = 0
     for number in numbers:

@@ -41,26 +41,17 @@ OUTCOME_INK = "#c44e00"  # a run, on blue tubes
 
 
 def style() -> AbstractContextManager[None]:
-    """A context manager in which figures are drawn and saved in the project's style (`STYLE_FILE`)."""
+    """A context manager in which figures are drawn and saved in the project's style."""
     return mpl.style.context(STYLE_FILE)
 
 
 def look(name: str) -> Looks:
-    """Matplotlib's keywords for a patch of the set `name`, not to be changed; unknown names look like unsafe sets."""
+    """Matplotlib's keywords for a patch of the set `name`, not to be changed; by default an unsafe set's."""
     return LOOKS.get(name, UNSAFE_LOOKS)
 
 
 def step_colours(steps: int) -> list[Any]:
-    """One colour for each number of steps to go, 0 to `steps`, from dark to light in even steps of lightness.
-
-    Parameters
-    ----------
-    steps : int
-        N, at least 0.
-
-    Returns
-    -------
-    list of N + 1 colours, red, green, blue and opacity from 0 to 1
+    """RGBA colours for 0 to `steps` steps to go, from dark to light in even steps of lightness.
 
     Examples
     --------
@@ -72,17 +63,7 @@ def step_colours(steps: int) -> list[Any]:
 
 
 def patch(name: str, label: str) -> Patch:
-    """A legend entry for a set.
-
-    Parameters
-    ----------
-    name : str
-        Of the set: "target", "obstacles", "pursuer"; others are drawn as unsafe sets.
-    label : str
-
-    Returns
-    -------
-    matplotlib.patches.Patch
+    """A legend entry for the set "target", "obstacles" or "pursuer"; others look like unsafe sets.
 
     Examples
     --------
@@ -94,12 +75,7 @@ def patch(name: str, label: str) -> Patch:
 
 
 def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figure:
-    """A figure of this size, in inches, with Matplotlib's constrained layout; `options` as for its `Figure`.
-
-    Parameters
-    ----------
-    width, height : float
-    options
+    """A figure of this size, in inches, with constrained layout; `options` as for Matplotlib's `Figure`.
 
     Examples
     --------
@@ -111,7 +87,7 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
 
 
 def writable_folder(folder: Named) -> Path:
-    """The folder as a Path, made if need be, after trying that a file can be written in it: before long work."""
+    """The folder, made if need be, after trying that a file can be written in it: before long work."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -122,7 +98,7 @@ def writable_folder(folder: Named) -> Path:
 
 
 def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
-    """Raise OSError if a picture cannot be written to a path, ValueError for another ending: before long work."""
+    """Raise OSError if a picture cannot be written, ValueError for another ending: before long work."""
     if path is not None:
         writable_file(path)
         if path.suffix.lower() not in suffixes:
@@ -136,19 +112,13 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
     ----------
     figure : matplotlib.figure.Figure
     folder : path
-        It is made where it does not exist.
+        Made where it does not exist.
     name : str
-        Of the files, without an ending.
+        Without an ending.
     formats : sequence of {"pdf", "svg", "png"}
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
-    ValueError
-        For another format.
     OSError
         If the folder cannot be written to.
 
@@ -170,18 +140,7 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
 
 
 def write(figure: Figure, path: Named) -> None:
-    """Write `figure` in the format of the file extension; the file appears only when it is complete.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    path : path
-        It ends in .pdf, .svg or .png.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
+    """Write `figure` to a .pdf, .svg or .png, whole or not at all (OSError).
 
     Examples
     --------

@@ -24,8 +24,7 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
     ----------
     ax : matplotlib.axes.Axes
     scene : ArmScene
-        What `scene` of `sdhj.arm.case_studies` returns for a problem of `sdhj.arm_case_study` or
-        `sdhj.evader_case_study`.
+        What `sdhj.arm.case_studies.scene` returns.
     q : (2,) array
         The joint angles, rad.
     alpha, zorder : float
@@ -50,7 +49,7 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
 
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
-    """Draw faint outlines of a moving disk at times (K,), s, and the path of its centre, in the edge's colour."""
+    """Outlines of a moving disk at times (K,), s, and the path of its centre."""
     plain: Looks = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "alpha": 0.55}
     for t in times:
         ax.add_artist(Circle(tuple(disk.centre(float(t))), disk.radius, zorder=1.5, gid=gid, **plain))
@@ -69,11 +68,11 @@ def draw_workspace(
     scene : ArmScene
         As for `draw_arm`.
     state : (4,) array, optional
-        Joint angles, rad, and the position of the pursuer or evader, m; by default these and the arm are left out.
+        Joint angles, rad, and the position of the pursuer or evader, m; by default not drawn.
     time : float
         s
     trail : (K,) array, optional
-        Times, s, at which moving disks are outlined faintly.
+        Times, s, at which moving disks are outlined.
 
     Examples
     --------

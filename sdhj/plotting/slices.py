@@ -35,9 +35,9 @@ class Plane:
     Attributes
     ----------
     axes : (int, int)
-        The axes of the grid that vary.
+        The axes that vary.
     x, y : (X,), (Y,) arrays
-        The coordinates along the first and along the second.
+        The coordinates along them.
     points : (Y * X, ndim) array
         The states on the slice, x varying fastest.
     """
@@ -48,15 +48,15 @@ class Plane:
     points: FloatArray
 
     def shaped(self, values: FloatArray) -> FloatArray:
-        """Reshape values (Y * X,) at `points` to (Y, X), float64, as contour functions need them."""
+        """Values (Y * X,) at `points` as (Y, X), float64."""
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Values at the nodes of a grid, (*grid.shape), interpolated at the points of the slice: (Y, X)."""
+        """Values at the nodes of a grid, interpolated at the points of the slice: (Y, X)."""
         return self.shaped(grid.interpolate(values, self.points))
 
     def true(self, part: TargetSet | UnsafeSet, t: float) -> FloatArray:
-        """The level-set function of a set at time t, s, at the points of the slice, not interpolated: (Y, X)."""
+        """The level-set function of a set at time t, s, at the points of the slice: (Y, X)."""
         return self.shaped(part.level_set(self.points[:, part.axes], t))
 
 
@@ -67,22 +67,16 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
     ----------
     grid : Grid
     through : (ndim,) array
-        The state that the slice goes through, in the units of the grid's axes; its entries on `axes` are ignored.
+        A state, of which the entries on `axes` are ignored.
     axes : (int, int)
-        The two axes of the grid that are shown, ascending.
+        The axes that are shown, ascending.
     resolution : int
         Points along each side.
-
-    Returns
-    -------
-    Plane
-        `x` and `y`, the coordinates along its sides; `points` (resolution^2, ndim), its states; `shaped(values)`, what
-        was computed for these as an image (Y, X), and `of(grid, values)`, values at the nodes as one.
 
     Raises
     ------
     ValueError
-        If `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
+        If `through` is no state or lies outside a bounded axis, or `axes` are not two different axes.
 
     Examples
     --------
@@ -109,21 +103,20 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
 
 
 def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str, zorder: float = 2.0) -> None:
-    """Fill and outline the set {values <= 0}, with `values` (Y, X) on the slice; an empty set draws nothing.
+    """Fill and outline the set {values <= 0} on a slice.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
     where : Plane
-        The slice, of `plane`.
+        Of `plane`.
     values : (Y, X) array
-        At its points, as `where.shaped` or `where.of` returns them.
+        As `where.shaped` or `where.of` returns them.
     looks : dict
-        "facecolor", "edgecolor", "linewidth" and whatever else Matplotlib's contours take.
+        "facecolor", "edgecolor", "linewidth" and what else Matplotlib's contours take.
     gid : str
-        The identifier of the filled artist; that of the outline is `gid` + "-edge".
+        Of the filled artist; the outline has `gid` + "-edge".
     zorder : float
-        As Matplotlib has it.
 
     Examples
     --------
@@ -151,14 +144,6 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
 
 def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
     """Set the limits, ticks and labels (with units) of a slice; where both axes are periodic, equal scales.
-
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes
-    grid : Grid
-        Whose names and ends the axes get.
-    axes : (int, int)
-        Of the slice, as for `plane`.
 
     Examples
     --------
@@ -191,8 +176,7 @@ def draw_constraints(
 ) -> None:
     """Draw the true target and unsafe sets at time step * delta on a slice, without interpolation (Fig. 9b).
 
-    Unsafe sets are red and hatched, the target is blue, and the set of captures by the pursuer has a bold dotted
-    contour.
+    Unsafe sets are red and hatched, the target is blue, captures by the pursuer have a bold dotted contour.
 
     Parameters
     ----------
@@ -201,9 +185,9 @@ def draw_constraints(
     through, axes, resolution
         The slice, as for `plane`.
     step : float
-        k; the sets are those at time k delta.
+        k.
     parts : sequence of str, optional
-        The names of the unsafe sets that are drawn; by default all.
+        Names of the unsafe sets that are drawn.
 
     Raises
     ------
@@ -239,7 +223,7 @@ def draw_tubes(
 ) -> None:
     """Draw the nested tubes with 0 to `within` steps to go from step `start`, on a slice (Figs. 10 and 11).
 
-    Tubes of fewer steps are darker. The tube with n steps to go has the identifier "tube-n".
+    The tube with n steps to go has the identifier "tube-n".
 
     Parameters
     ----------
@@ -248,7 +232,7 @@ def draw_tubes(
     through, axes, resolution
         The slice, as for `plane`.
     start, within : int
-        The largest tube, as for `LookupTable.contains`.
+        The largest tube, as for `Table.contains`.
     unsafe : bool
         Whether the true unsafe sets at step `start` are outlined.
 
@@ -285,9 +269,9 @@ def draw_tubes(
 
 
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
-    """The path of states (T, ndim) on a slice, without jumps, once for each lap around periodic axes: points (R, 2).
+    """The path of states (T, ndim) on a slice, without jumps, once for each lap around periodic axes: (R, 2).
 
-    Each copy is shifted by a lap, so that what all have in the frame is the path, cut at the ends of periodic axes.
+    What all copies have in the frame is the path, cut at the ends of periodic axes.
     """
     low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
     path, span = np.asarray(states, dtype=np.float64)[:, list(axes)], high - low
@@ -309,11 +293,11 @@ def draw_path(
     ax : matplotlib.axes.Axes
     grid : Grid
     states : (T, ndim) array
-        In the units of the grid's axes, as `Trajectory.states`.
+        As `Trajectory.states`.
     axes : (int, int)
-        Of the slice, as for `plane`.
+        As for `plane`.
     marks : (K, ndim) array, optional
-        States that get a dot, as `Trajectory.samples`.
+        That get a dot, as `Trajectory.samples`.
     line
         Of `matplotlib.lines.Line2D`.
 

@@ -27,9 +27,9 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
     ax : matplotlib.axes.Axes
     table : Table
     run : Trajectory
-        Of `sdhj.simulate`, with a controller of this table.
+        Of `sdhj.simulate`.
     axes : (int, int)
-        Of the slice, as for `plane`.
+        As for `plane`.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
 
 
 def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: int) -> None:
-    """Draw the workspace at the instant run.times[index] of a run of the arm, with the end-effector's path so far."""
+    """Draw the workspace at an instant of a run of the arm, with the end-effector's path so far."""
     view = scene(problem)
     draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]))
     ax.plot(*view.arm.tip(run.states[: index + 1, :2]).T, zorder=6, gid="tip-path", **WAY)
@@ -65,20 +65,13 @@ def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) ->
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        It is cleared first.
+        Cleared first.
     table : Table
-        Of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
+        Of a case study of the arm, else ValueError.
     run : Trajectory
         Of `sdhj.simulate`.
     index : int
         Which of run.times.
-
-    Raises
-    ------
-    ValueError
-        If the problem is another.
-    IndexError
-        If the run has no such time.
 
     Examples
     --------

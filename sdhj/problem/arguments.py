@@ -10,9 +10,8 @@ KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {
 
 
 def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """The names that a user's function takes, in order: "points" first, whatever it is called, then some of u, v and t.
-
-    For bounds alone ("t",) is an answer, without the state. ValueError if the function takes something else.
+    """What a user's function takes, in order: "points", whatever it is called, then some of u, v, t; bounds may take t
+    alone.
     """
     known = KNOWN[name]
     expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"

@@ -19,13 +19,12 @@ MOST_SIDES = 32
 class Ball:
     """Bounds of a disturbance v of two components: |v| <= radius, in `sdhj.Dynamics(..., bounds=sdhj.Ball(0.1))`.
 
-    What is played is the regular polygon around the ball, which is farther out by 1 / cos(pi / sides) - 1 at its
-    corners: 8 % with 8 sides, 2 % with 16, where the square of bounds=[radius, radius] is by 41 %. It is the sum of a
-    segment along each of its K = sides / 2 directions, so v then has K components w of a box: the velocity is
-    drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with |w_k| <= radius tan(pi / (2 K)). Adversaries choose
-    these, and `Dynamics.gain` and `bounds` are theirs. Projections on fewer axes and certified tables play the box
-    around the polygon, which is that of the ball where K is even. For a certified table bounds=[radius, radius] proves
-    more: cells are aligned with it.
+    What is played is the regular polygon around the ball, farther out by 1 / cos(pi / sides) - 1 at its corners: 8 %
+    with 8 sides, 2 % with 16 (the square: 41 %). It is the sum of a segment along each of its K = sides / 2 directions,
+    so v then has K components w of a box: the velocity is drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with
+    |w_k| <= radius tan(pi / (2 K)). Adversaries choose these, and `Dynamics.gain` and `bounds` are theirs. Projections
+    and certified tables play the box around the polygon; for a certified table bounds=[radius, radius] proves more:
+    cells are aligned with it.
 
     Where v does not enter the velocity linearly, the ball itself is played: v is then a (cos b, sin b) with |a| <=
     radius and |b| <= pi / 2, which are the two components of `problem.dynamics`, and cut into `Dynamics.pieces` each,
@@ -36,12 +35,7 @@ class Ball:
     radius : float, or function of (points (M, ndim), u (m,), t) -> (M,)
         In the unit of v.
     sides : int
-        An even number from 4 to 32. Each pair of sides is one more component, for solves and for adversaries.
-
-    Raises
-    ------
-    ValueError
-        If a number does not fit, here or in `Dynamics` the gain does not have two columns.
+        An even number from 4 to 32. Each pair is one more component.
 
     Examples
     --------
@@ -64,12 +58,12 @@ class Ball:
 
     @property
     def directions(self) -> FloatArray:
-        """Unit vectors (cos(pi k / K), sin(pi k / K)) along which the K = sides / 2 pairs of sides run: (2, K)."""
+        """Unit vectors (cos(pi k / K), sin(pi k / K)) along which the pairs of sides run: (2, K)."""
         angles = 2 * np.pi / self.sides * np.arange(self.sides // 2)
         return np.stack([np.cos(angles), np.sin(angles)])
 
     def bounds(self) -> Any:
-        """Half-widths radius tan(pi / (2 K)) of the K components along the sides, as `Dynamics.bounds` may be given."""
+        """Half-widths radius tan(pi / (2 K)) of the K components along the sides, as `Dynamics.bounds`."""
         share = np.full(self.sides // 2, np.tan(np.pi / self.sides))
         if not callable(self.radius):
             return self.radius * share
@@ -78,7 +72,7 @@ class Ball:
         return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
 
     def gain(self, given: Any) -> Any:
-        """The gain of the K components along the sides, given @ `directions`: (ndim, K), or a function's answer so."""
+        """The gain of the K components along the sides, given @ `directions`, or a function's answer so."""
         if isinstance(given, BlackBox):
             raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
         if callable(given):
@@ -89,7 +83,7 @@ class Ball:
         return found @ self.directions
 
     def velocity(self, given: Any) -> Any:
-        """The `given` velocity of v as a function of the components w (K,) along the sides, with v = directions @ w."""
+        """The `given` velocity as a function of the components w (K,) along the sides, with v = directions @ w."""
         axes = self.directions.tolist()
         return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
@@ -106,7 +100,7 @@ class Ball:
         return velocity, wraps(radius)(most)
 
     def _along(self, gain: Any) -> Any:
-        """gain @ `directions`, (..., ndim, K), also traced; ValueError unless the gain's last axis has length 2."""
+        """gain @ `directions`, (..., ndim, K), also traced."""
         if gain.shape[-1] != 2:
             raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
         pairs = self.directions.T.tolist()
@@ -114,7 +108,7 @@ class Ball:
 
 
 def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
-    """The `given` velocity as a function of w, of which `disturbance` makes v; itself if it does not take v."""
+    """The `given` velocity as a function of w, of which `disturbance` makes v, if it takes v."""
     takes = arguments("velocity", given)
     if "v" not in takes:
         return given

@@ -25,11 +25,10 @@ TOGETHER = 2**20  # numbers, of functions that are kept at a time where there ar
 
 @lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
 def intervals(nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str) -> tuple[FloatArray, ...]:
-    """The arrays taps, weight, between and point of `Leaves` for intervals [x + low, x + high], in cells, at nodes x.
+    """The arrays of `Leaves` for intervals [x + low, x + high], in cells, at nodes x.
 
     With `limited`, t (t - 1) / 2 times the limited second difference is added: the lesser in magnitude of those around
-    the two nodes, 0 where their signs differ. Equal arguments give the same arrays again, so callers must not write to
-    them.
+    the two nodes, 0 where their signs differ. Equal arguments share the arrays, which nobody may write.
     """
     x = np.arange(nodes)[:, None] + np.array(spans)[:, None]  # (intervals, nodes, 2)
     if not periodic:  # at the ends intervals are clipped
@@ -59,13 +58,13 @@ class Maxima(NamedTuple):
 
     @property
     def split(self) -> FloatArray:
-        """A view of the values as `maximum_of_intervals` takes them: (functions, A, n, B), n nodes on the open axis."""
+        """The values as `maximum_of_intervals` takes them, a view: (functions, A, n, B), n nodes on the open axis."""
         count, *shape = self.values.shape
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
         return self.values.reshape(count, before, shape[self.axis], behind)
 
     def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
-        """The maxima over some of the boxes, counted from `first`: (boxes, *shape), in place in `into` where given."""
+        """The maxima over some of the boxes, counted from `first`: (boxes, *shape), in `into` where given."""
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
         shape[1 + self.axis] = leaves.taps.shape[1]
@@ -86,7 +85,7 @@ class AxisMaxima(NamedTuple):
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(axis_maxima: AxisMaxima, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end`, which callers must not write to."""
+    """The `Leaves` of maxima along an axis, for its nodes from `begin` to `end`, which nobody may write."""
     axis, n = axis_maxima.axis, grid.shape[axis_maxima.axis]
     cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in axis_maxima.spans)
     found = intervals(n, grid.periodic[axis], cells, limited, dtype)
@@ -128,7 +127,7 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` over boxes [x + low_j, x + high_j] at nodes x, low (L, ndim), some j at a time."""
+    """Yield the maxima over boxes [x + low_j, x + high_j] at nodes x, low (L, ndim), some j at a time."""
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         done = {axis_maxima.axis for axis_maxima in axes_maxima}
@@ -144,7 +143,7 @@ def maxima(
 
 
 def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, the values of box, or input, j) for each j of groups of `Maxima` or `sdhj.solver.games.Pieces`."""
+    """Yield (j, the values of box, or input, j) of groups of `Maxima` or `sdhj.solver.games.Pieces`."""
     for some in groups:  # eight are computed at a time
         for begin in range(0, some.number, EIGHT):
             yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
@@ -153,7 +152,7 @@ def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] at each node x); low, high (L, ndim)."""
+    """Yield (j, maximum of `values` over [x + low_j, x + high_j] at each node x); low, high (L, ndim)."""
     return one_by_one(maxima(grid, values, low, high, interpolation))
 
 
@@ -184,7 +183,7 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 @lru_cache(maxsize=64)
 def most_on_padding(grid: Grid) -> FloatArray | None:
-    """What values may be at most, (*shape), minus the distance past a safe end, else +inf; None without padding."""
+    """What values may be at most: minus the distance past a safe end, else +inf; None without padding."""
     if not np.any(grid.padding):
         return None
     # equal grids get one array, which callers must not write to
@@ -193,6 +192,6 @@ def most_on_padding(grid: Grid) -> FloatArray | None:
 
 
 def out_of_danger(grid: Grid, values: FloatArray) -> FloatArray:
-    """Values (*shape) lowered to `most_on_padding`: a new array, or `values` itself where the grid has no padding."""
+    """Values lowered to `most_on_padding`: a new array, or `values` where the grid has no padding."""
     most = most_on_padding(grid)
     return values if most is None else np.minimum(values, most, dtype=values.dtype)

@@ -27,7 +27,7 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 
 def compared_states(grid: Grid) -> FloatArray:
-    """States (`COMPARED_STATES`, ndim) at which functions are compared with their formulas, the same on equal grids."""
+    """States (`COMPARED_STATES`, ndim) at which functions are compared with their formulas."""
     rng = np.random.default_rng(0)  # a problem is refused or not, whenever it is made
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):  # a tenth has coordinates of nodes, ends or zeros, where formulas may branch
@@ -38,14 +38,14 @@ def compared_states(grid: Grid) -> FloatArray:
 
 
 def compared_times(problem: Any) -> list[float]:
-    """The six times, s, at which functions are compared with their formulas, over the first interval and all steps."""
+    """The six times, s, at which functions are compared with their formulas."""
     return [share * problem.delta for share in (0.0, 0.7)] + [
         share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
     ]
 
 
 def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
-    """Raise ValueError where `level_set` or `swept` differs from the function that it was read from."""
+    """Raise ValueError where `level_set` or `swept` differs from the user's function."""
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
@@ -56,7 +56,7 @@ def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
 
 
 def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
-    """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval."""
+    """Raise ValueError where `swept` is above the level-set function at a time of the interval."""
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
     lasting = problem.sensing.hold(problem.delta)[0]
@@ -75,7 +75,7 @@ def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
 
 
 def check_inputs(problem: Any) -> None:
-    """Raise ValueError where an unsafe set has in its `inputs` an index that is none of the problem's inputs."""
+    """Raise ValueError where an unsafe set's `inputs` are none of the problem's."""
     for part in problem.unsafe:
         if part.inputs is not None and part.inputs[-1] >= len(problem.inputs):
             most = len(problem.inputs) - 1
@@ -83,7 +83,7 @@ def check_inputs(problem: Any) -> None:
 
 
 def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
-    """Which of the points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,) bool."""
+    """Which points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,) bool."""
     t, jitter, points = problem.time(step), problem.sensing.jitter, problem.grid.wrapped(points)
     inside = np.ones(len(points), np.bool_)
     for part in problem.all_sets:
@@ -153,7 +153,7 @@ def check_sensing(problem: Any) -> None:
 
 
 def _some_box_in_goal(problem: Any, points: FloatArray, step: int) -> bool:
-    """Whether of some of the points (M, ndim) all corners of the box of 2 E around it are `in_goal`."""
+    """Whether of some point all corners of the box of 2 E around it are `in_goal`."""
     points = points[in_goal(problem, points, step)]
     for off in 2 * problem.half_widths[0] * np.array([*product((-1.0, 1.0), repeat=problem.grid.ndim)]):
         corners = problem.grid.clipped(points + off)

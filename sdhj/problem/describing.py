@@ -18,7 +18,7 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 
 
 def described(problem: Any) -> dict[str, Any]:
-    """The problem as plain numbers, lists and text (JSON), for the head of a file: its `numbers`, name and formulas."""
+    """The problem as plain numbers, lists and text (JSON), for the head of a file."""
     # Stands in every file, where `restoring` and the checker read it: another entry is another format.
     functions = {}
     for name, lines in problem.texts[0].items():
@@ -37,7 +37,7 @@ def arrays_of(problem: Any) -> dict[str, FloatArray]:
 
 
 def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of a description's entries `TOLD` and its arrays: problems that share it have one table."""
+    """SHA-256 of a description's entries `TOLD` and its arrays: problems that share it have one table."""
     # Files name it, and are refused where it differs: computed otherwise, it refuses all that were written before.
     said: dict[str, Any] = {name: head[name] for name in TOLD}
     if "error" in said["sensing"]:  # one for all axes is the same as one given for each
@@ -51,7 +51,7 @@ def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
 
 
 def blackbox_values(problem: Any, name: str) -> FloatArray:
-    """Values of a black box at seeded states and times, flattened: by them a file tells it from another function."""
+    """Values of a black box at seeded states and times: by them a file tells it from another function."""
     # Files keep the values: with another seed, number or order none would be of the black box that it was made with.
     function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):

@@ -40,31 +40,24 @@ class Dynamics:
     inputs : (L, m) array
         The quantised inputs u_j, at most 65,536.
     drift : (L, ndim) array, or function of (points (M, ndim), u (m,), t) -> (M, ndim)
-        Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
+        Velocity without a disturbance, per second; an array if it depends on u alone.
     gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D), optional
-        How the D components of the disturbance v move the state. Default: there is no disturbance.
+        How the D components of the disturbance v move the state.
     bounds : (D,) array, or function of (points, u, t) -> (M, D), or `sdhj.Ball`, optional
-        Half-widths of the box of disturbances; or a ball, of two components.
+        Half-widths of the box of disturbances, or a ball.
     velocity : function of (points, u, v (D,), t) -> (M, ndim), optional
-        In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
-        between its extremes over a piece of the box of v, which errs to the safe side.
+        In place of drift and gain. Where v does not enter linearly, each component may be anything between its extremes
+        over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many pieces method "hji", and margins, cut the range of each component of v that does not enter
-        linearly and moves several axes; the error falls with their number, to the first order, and cost and memory grow
-        with it. Certified tables take the whole range.
-
-    Raises
-    ------
-    ValueError
-        If a shape, a number or a function does not fit.
+        Into how many the range of each component of v that does not enter linearly and moves several axes is cut; the
+        error falls with their number, cost and memory grow with it. Certified tables take the whole range.
 
     Notes
     -----
     Functions are read once, as formulas (`sdhj.formulas`), when a `ReachAvoidProblem` is made; the time t is in s, from
-    step 0 on. The first parameter is the state, whatever it is called, and the others are known by the names u, v and
-    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`. The state may not, but in `bounds(t)`: where
-    nothing depends on it, `drift(q, u, t)` returns one value for all states, without the leading dimension M. No first
-    parameter is called u, v or t. Coordinates on periodic axes are wrapped before a velocity is evaluated.
+    step 0 on. The first parameter is the state, not called u, v or t, and the others are known by these names; those
+    that are not used may be left out: `drift(q, u)`, `gain(q)`, `bounds(t)`. Where nothing depends on the state, an
+    answer may lack the leading dimension M. Coordinates on periodic axes are wrapped before a velocity is evaluated.
 
     Examples
     --------
@@ -134,10 +127,7 @@ class Dynamics:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
     def read(self, ndim: int) -> "VectorField":
-        """The dynamics of a state of `ndim` coordinates, as formulas; the functions are kept here for `compare`.
-
-        ValueError if an array or a function does not fit, or a function cannot be read (`sdhj.NotTraced`).
-        """
+        """The dynamics of a state of `ndim` coordinates, as formulas; the functions are kept for `compare`."""
         count = len(self.inputs)
         bounds = self._read("bounds", ndim, None)
         if not isinstance(bounds, Formula):
@@ -168,7 +158,7 @@ class Dynamics:
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
     def compare(self, vector_field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
-        """Raise ValueError where a function that the last `read` kept has other values than the formula made of it."""
+        """Raise ValueError where a function that `read` kept has other values than its formula."""
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
             # input 0 at all times, every other one at one of them
@@ -184,7 +174,7 @@ class Dynamics:
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
-        """The field `name` as a formula with results (L, *shape), kept in `_parts` with its function, or a BlackBox."""
+        """The field `name` as a formula with results (L, *shape), kept with its function, or a BlackBox."""
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
@@ -229,28 +219,27 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
-    """The gain for |v_d| <= 1, gain_{id} |bounds_d|, at traced points (M, ndim): (M, L, ndim, D)."""
+    """The gain for |v_d| <= 1, gain_{id} |bounds_d|, at traced points: (M, L, ndim, D)."""
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
 def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """The velocity for |v_d| <= 1, f(q, t, v_d |bounds_d|), at traced points (M, ndim): (M, L, ndim)."""
+    """The velocity for |v_d| <= 1, f(q, t, v_d |bounds_d|), at traced points: (M, L, ndim)."""
     # bounds depend on no state, so they are read at the first point
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
 
 def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
-    """A formula of `ndim` coordinates and the time that has an array's numbers as its results at every point."""
+    """A formula of `ndim` coordinates and the time whose results are an array's numbers."""
     return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
 
 
 @dataclass(frozen=True, eq=False)
 class VectorField(Remembering):
-    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
+    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`.
 
-    Coordinates on periodic axes must be wrapped into the grid. It is immutable; what follows from its parts is made
-    once.
+    Coordinates on periodic axes must be wrapped into the grid.
     """
 
     inputs: FloatArray  # (L, m), the input vectors u_j
@@ -262,7 +251,7 @@ class VectorField(Remembering):
 
     @property
     def parts(self) -> list[Any]:
-        """[drift, gain, bounds], formulas or black boxes; [drift, bounds] where the gain is None."""
+        """[drift, gain, bounds], formulas or black boxes, without a gain that is None."""
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
     @cached_property
@@ -278,34 +267,34 @@ class VectorField(Remembering):
 
     @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Drift (L, ndim), gain (ndim, D) and bounds (D,) as arrays, where the dynamics are `constant`."""
+        """Drift (L, ndim), gain (ndim, D) and bounds (D,), where the dynamics are `constant`."""
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
         return drift, gain[0], bounds[0]
 
     @cached_property
     def stateless(self) -> bool:
-        """Whether velocities do not depend on the state, under any input; a black box does unless `reads` is empty."""
+        """Whether velocities do not depend on the state, under any input."""
         return not self.reads.any()
 
     @cached_property
     def depends_on_time(self) -> bool:
-        """Whether drift, gain or bounds depend on time; a black box does unless its `BlackBox.rate` is 0."""
+        """Whether drift, gain or bounds depend on time."""
         return any(part.depends_on_time for part in self.parts)
 
     @property
     def disturbance_dim(self) -> int:
-        """D, the number of components of v; at least 1, as no disturbance is one with bounds 0."""
+        """D, the number of components of v; at least 1."""
         return self.bounds.shape[1]
 
     @cached_property
     def shared_gain(self) -> bool:
-        """Whether gain and bounds are the same formulas for every input; a black box never is."""
+        """Whether gain and bounds are the same formulas for every input."""
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
     @kept
     def pushes(self) -> FloatArray:
-        """Whether component d of v may move axis i under input j: (L, ndim, D) bool."""
+        """Whether component d of v may move axis i under input j: (L, ndim, D)."""
         if not isinstance(self.gain, Formula):
             return np.ones((len(self.inputs), self.ndim, self.disturbance_dim), np.bool_)
         zero = constant(0.0)
@@ -313,7 +302,7 @@ class VectorField(Remembering):
 
     @kept
     def reads(self) -> FloatArray:
-        """Whether the velocity along axis i may depend on coordinate k, under any input: (ndim, ndim) bool."""
+        """Whether the velocity along axis i may depend on coordinate k: (ndim, ndim)."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)
         for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
@@ -341,7 +330,7 @@ class VectorField(Remembering):
 
     @cached_property
     def _moved(self) -> FloatArray:
-        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D) bool."""
+        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D)."""
         each = [[leaves([one], "p") for one in row.outputs] for row in self.functions_by_input["drift"]]
         return np.array([[[1 + d in one for d in range(self.disturbance_dim)] for one in row] for row in each])
 
@@ -352,7 +341,7 @@ class VectorField(Remembering):
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
-        """The components d of v that move several axes, each of which adds a segment to the velocity set; ascending."""
+        """The components d of v that move several axes, each of which adds a segment to the velocity set."""
         if (
             self.gain is None
             or not self.couples(range(self.ndim))
@@ -368,12 +357,12 @@ class VectorField(Remembering):
         return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
-        """The dynamics with states clipped to [lower, upper], (ndim,) each: past an end states move as at the end."""
+        """The dynamics with states clipped to [lower, upper]: past an end states move as at the end."""
         gain = self.gain and self.gain.clipped(lower, upper)
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some axes, numbered anew, the others at `lower` (ndim,), which must not matter to these."""
+        """The dynamics of some axes, numbered anew, the others at `lower`, which must not matter to these."""
         keep = list(axes)
 
         def full(points: Any) -> Any:
@@ -416,12 +405,12 @@ class VectorField(Remembering):
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, index: int) -> Formula:
-        """Number `index` of the flattened "drift", "gain" or "extremes" under input j as a formula with one result."""
+        """Number `index` of the flattened "drift", "gain" or "extremes" under input j, as a formula."""
         found = (self.extremes_of if name == "extremes" else self.functions_by_input[name])[j]
         return self.remembered((name, j, index), lambda: replace(found, outputs=(found.outputs[index],), shape=()))
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
-        """Velocity under input j (an index) with v = 0, at points (M, ndim) and time t in s, also traced: (M, ndim)."""
+        """Velocity under input j with v = 0, at points (M, ndim) and time t, s, also traced: (M, ndim)."""
         still = [0.0] * self.disturbance_dim if self.gain is None else []
         return self.functions_by_input["drift"][j](points, t, *still)
 
@@ -439,7 +428,7 @@ class VectorField(Remembering):
         return np.stack(columns, axis=2)
 
     def velocity_at(self, points: Any, j: int, v: Any, t: Any) -> Any:
-        """Velocity under input j and any v, (D,) or (M, D), at points (M, ndim) and time t, also traced: (M, ndim)."""
+        """Velocity under input j and v, (D,) or (M, D), at points (M, ndim) and time t, also traced: (M, ndim)."""
         each = np.broadcast_to(v, (len(points), self.disturbance_dim))
         if self.gain is not None:
             return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
@@ -456,7 +445,7 @@ class VectorField(Remembering):
         return [Formula.traced("velocity", partial(velocity, one), count) for one in self.functions_by_input["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
-        """Half-widths of the box of v under input j at time t, (D,), a new array; ValueError where one is below 0."""
+        """Half-widths of the box of v under input j at time t, (D,), new; ValueError where one is below 0."""
         known: dict[int, FloatArray] = self.remembered("bounds", dict)
         if j in known:
             return known[j].copy()
@@ -469,7 +458,7 @@ class VectorField(Remembering):
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
-        """For each input a formula of the extremes over all v, drift -+ sum_d |gain_d| |bounds_d|: (2, ndim)."""
+        """For each input a formula of the extremes over v, drift -+ sum_d |gain_d| |bounds_d|: (2, ndim)."""
         found, parts = [], self.functions_by_input  # all formulas, and v enters linearly
         for drift, gain, bounds in zip(parts["drift"], parts["gain"], parts["bounds"], strict=True):
             most = [make("abs", one) for one in bounds.outputs]
@@ -488,7 +477,7 @@ class VectorField(Remembering):
         return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
-        """Least and greatest velocity on each axis under input j over all v, or bounds, at points: (M, 2, ndim)."""
+        """Least and greatest velocity on each axis under input j over v, or bounds: (M, 2, ndim)."""
         if self.gain is None:  # by intervals, perhaps wider
             low, high = self.velocity_bounds(j, points, points, (t, t))
             if not (good := np.isfinite(low).all(axis=1)).all():
@@ -500,7 +489,7 @@ class VectorField(Remembering):
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
     def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
-        """Bounds (M, ndim) of the velocity under input j over boxes and `time`, (begin, end); -+inf if undefined."""
+        """Bounds (M, ndim) of the velocity under input j over boxes and `time`; -+inf if undefined."""
         if not self.formulas:
             return self._declared(j, low, high, time)
         if self.gain is None:
@@ -510,7 +499,7 @@ class VectorField(Remembering):
         return least[:, 0], greatest[:, 1]
 
     def greatest_along(self, points: FloatArray, j: int, t: float, directions: FloatArray) -> FloatArray:
-        """An upper bound on n . velocity over v, which is cut, for directions n (K, ndim), at points: (M, K)."""
+        """An upper bound on n @ velocity over v, which is cut, for directions n (K, ndim), at points: (M, K)."""
         ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
         edges = [
             np.linspace(a, b, cut + 1)
@@ -528,7 +517,7 @@ class VectorField(Remembering):
         return found
 
     def disturbance_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> FloatArray:
-        """Least and greatest v under input j in an interval (begin, end), s: -+ the greatest half-widths, (2, D)."""
+        """Least and greatest v under input j in an interval, s: -+ the greatest half-widths, (2, D)."""
         # bounds depend on no state, so any box does
         ends = np.array(self.functions_by_input["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         most = np.abs(ends).max(axis=0)
@@ -544,7 +533,7 @@ class VectorField(Remembering):
 
 
 def _arguments_taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
-    """Those of points, u, t and v that a function takes, in its order."""
+    """Those of points, u, t and v that a function takes."""
     known = {"points": points, "u": u, "t": t, "v": v}
     return [known[one] for one in takes]
 

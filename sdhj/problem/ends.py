@@ -8,7 +8,7 @@ Fate = Literal["fails", "holds", "frees"]
 
 @dataclass(frozen=True)
 class End:
-    """A kind of end, with one fate for a state that would pass it; `ENDS` has all kinds by name."""
+    """A kind of end, with one fate for a state that would pass it."""
 
     name: str  # what users type, and files contain: "unsafe", "wall" or "safe"
     # Whether a state beyond has failed: what lies beyond is an unsafe set, with an avoid tube of its own.

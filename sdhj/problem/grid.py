@@ -38,21 +38,15 @@ class Grid(Remembering):
     lower, upper : sequence of float
         The ends of each axis, in the units of the state.
     shape : sequence of int
-        Number of nodes on each axis, at least 5.
+        Nodes on each axis, at least 5.
     periodic : sequence of bool, optional
-        Whether each axis is periodic, by default none. A bounded axis has nodes at both ends; a periodic axis has none
-        at its upper end, which is the lower end again.
+        By default none. A periodic axis has no node at its upper end, which is the lower end again.
     ends : str, or sequence of str or of pairs of str, optional
-        What happens at the ends of bounded axes; for all axes, or for each axis, or for its lower and its upper end.
-        "unsafe" (default): a state that leaves has failed, because nothing is computed beyond. "wall": the state cannot
-        pass and slides along. "safe": a state that leaves is out of danger for good (problems without a target only).
+        Of bounded axes: for all, for each, or for its lower and its upper end. "unsafe" (default): a state that leaves
+        has failed. "wall": the state cannot pass and slides along. "safe": a state that leaves is out of danger for
+        good (problems without a target only).
     names : sequence of str, optional
         Axis labels, for plots and files.
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit; the message names the axis and the value.
 
     Examples
     --------
@@ -134,16 +128,12 @@ class Grid(Remembering):
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes to sample a function in `pieces`: three float64 copies of its values, and room for a piece."""
+        """Bytes to sample a function in `pieces`."""
+        # room for a piece, and three float64 copies of the values
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     def nodes(self, axis: int) -> FloatArray:
-        """Coordinates of the nodes on one axis, numbered from 0, shape (shape[axis],), in the axis's unit.
-
-        Raises
-        ------
-        IndexError
-            If the grid has no such axis.
+        """Coordinates of the nodes on one axis, numbered from 0: (shape[axis],).
 
         Examples
         --------
@@ -156,8 +146,7 @@ class Grid(Remembering):
     def points(self) -> FloatArray:
         """Coordinates of all nodes, (size, ndim) float64 in the axes' units, the last axis varying fastest.
 
-        `values.reshape(grid.shape)` gives a function of them its shape on the grid. MemoryError if they do not fit into
-        memory together with some arrays of the same size.
+        MemoryError if they do not fit into memory together with some arrays of the same size.
 
         Examples
         --------
@@ -171,7 +160,7 @@ class Grid(Remembering):
         return self._points([slice(None)] * self.ndim)
 
     def wider(self, by: Sequence[Sequence[int]], ends: Sequence[Any] | str = "wall") -> "Grid":
-        """The grid with (before, behind) = by[axis] more nodes on each bounded axis, at the same spacing to the bit."""
+        """The grid with by[axis] = (before, behind) more nodes on each bounded axis, at the same spacing to the bit."""
         past, nodes = np.array(by).T * self.spacing, (np.sum(by, axis=1) + self.shape).tolist()
         lower, upper = (self.lower - past[0]).tolist(), (self.upper + past[1]).tolist()
         added = np.array(self.added) + by
@@ -185,7 +174,7 @@ class Grid(Remembering):
         return some, (*self.shape[:axis], -(-self.shape[axis] // some))
 
     def pieces(self, order: Iterable[int] | None = None) -> Iterator[FloatArray]:
-        """Yield the nodes' points, at most `PIECE` at a time, (M, ndim) float64: all pieces, or those in `order`."""
+        """Yield the nodes' points, at most `PIECE` at a time, (M, ndim): all pieces, or those in `order`."""
         some, places = self.piece_shape
         for which in range(math.prod(places)) if order is None else order:
             rest, at = int(which), list[int]()
@@ -197,7 +186,7 @@ class Grid(Remembering):
             yield self._points([*cut, *[slice(None)] * (self.ndim - len(cut))])
 
     def _points(self, some: Sequence[slice]) -> FloatArray:
-        """Coordinates of the nodes in one slice of each axis, (M, ndim) float64, the last axis varying fastest."""
+        """Coordinates of the nodes in one slice of each axis, (M, ndim)."""
         lines = [self.nodes(axis)[part] for axis, part in enumerate(some)]
         points = np.empty((*map(len, lines), self.ndim))
         for axis, line in enumerate(lines):
@@ -206,11 +195,6 @@ class Grid(Remembering):
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
-
-        Raises
-        ------
-        IndexError
-            If an axis is none of the grid's.
 
         Examples
         --------
@@ -221,7 +205,7 @@ class Grid(Remembering):
         return self.remembered(("subgrid", *axes), lambda: self._subgrid(axes))
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        """A new grid of these axes, which `subgrid` keeps, with the nodes added to them."""
+        """A new grid of these axes, with the nodes added to them."""
         each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
         past = [self.spacing[axis] for axis in axes], [self.added[axis] for axis in axes]
         lower, upper, shape, periodic, names, ends = ([one[axis] for axis in axes] for one in each)
@@ -229,7 +213,7 @@ class Grid(Remembering):
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): all `added`."""
+        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...)."""
         frees = self.ends_where("frees").T
         return tuple((low * bool(a), high * bool(b)) for (low, high), (a, b) in zip(self.added, frees, strict=True))
 
@@ -239,21 +223,14 @@ class Grid(Remembering):
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Values (*shape) at the first and at the second node of every edge between neighbours along an axis."""
+        """Values at the first and at the second node of every edge between neighbours along an axis."""
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
         behind = (slice(None),) * axis
         return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
 
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
-        """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection).
-
-        One node on every axis that is not among `axes`, whose order is not checked; no copy.
-
-        Raises
-        ------
-        ValueError
-            If the values are more or fewer than the nodes of the subgrid.
+        """View `values` on `subgrid(axes)`, axes ascending, with one node on every other axis (back-projection).
 
         Examples
         --------
@@ -265,7 +242,7 @@ class Grid(Remembering):
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim), also traced, with coordinates on periodic axes wrapped into [lower, upper): a new array."""
+        """Points (M, ndim), also traced, with periodic coordinates wrapped into [lower, upper): a new array."""
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):
@@ -285,11 +262,6 @@ class Grid(Remembering):
 
         Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
 
-        Raises
-        ------
-        ValueError
-            If values or points have another shape.
-
         Examples
         --------
         >>> import numpy as np
@@ -304,7 +276,7 @@ class Grid(Remembering):
 
     @kept
     def arrays(self) -> Lattice:
-        """The grid as compiled code takes it; `least`, `most` and `safe_ends` have `SLACK` cells added."""
+        """The grid as compiled code takes it, with `SLACK` cells added to its ends."""
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
@@ -312,14 +284,14 @@ class Grid(Remembering):
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
     def ends_where(self, *fates: Fate) -> FloatArray:
-        """Whether the lower and the upper end of each axis has one of these fates and is not periodic: (2, ndim)."""
+        """Whether the lower and the upper end of each axis has one of these fates: (2, ndim)."""
         if fates not in (cache := self.remembered("ends", dict)):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
             cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of lower and upper ends with one of these fates, before the `padding`, (ndim,) each; or -+inf."""
+        """Coordinates of lower and upper ends with one of these fates, before the `padding`, or -+inf: (ndim,) each."""
         if fates not in (cache := self.remembered("faces", dict)):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
@@ -332,7 +304,7 @@ class Grid(Remembering):
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance from each node to the nearest end with a fate, negative past it, or +inf; broadcasts to the grid."""
+        """Distance from each node to the nearest end with a fate, negative past it, or +inf; broadcasts."""
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
             nodes = self.nodes(axis)
@@ -345,37 +317,32 @@ class Grid(Remembering):
         return self.wider([(0, 0)] * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
-        """States (..., ndim), also traced, clipped at the ends with these fates, by default at walls; NaN stays NaN."""
+        """States (..., ndim), also traced, clipped at the ends with these fates, by default at walls."""
         low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
-        """Whether states (..., ndim) are past an end with one of these fates by more than `SLACK` cells: bool (...)."""
+        """Whether states (..., ndim) are past an end with one of these fates by more than `SLACK` cells: (...)."""
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
     @kept
     def weights(self) -> FloatArray:
-        """Share of the grid's volume that each node represents, (*shape): half a cell at bounded ends."""
+        """Share of the grid's volume that each node represents: half a cell at bounded ends."""
         total = np.ones(())
         for axis in range(self.ndim):
             total = total[..., None] * self.shares(axis)
         return total
 
     def shares(self, axis: int) -> FloatArray:
-        """Share of an axis's length that each of its nodes represents, (shape[axis],): half a cell at bounded ends."""
+        """Share of an axis's length that each of its nodes represents: half a cell at bounded ends."""
         share = np.ones(self.shape[axis])
         if not self.periodic[axis]:
             share[[0, -1]] = 0.5
         return share / share.sum()
 
     def fraction(self, inside: FloatArray) -> float:
-        """Share of the grid's volume, from 0 to 1, where the boolean array `inside`, of shape `grid.shape`, is true.
-
-        Raises
-        ------
-        ValueError
-            If the array does not fit the grid's shape.
+        """Share of the grid's volume, from 0 to 1, where `inside` (*shape) is true.
 
         Examples
         --------

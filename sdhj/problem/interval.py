@@ -53,7 +53,7 @@ class Velocities(ReadOnly):
         read_only((self.low, self.high, self.drift, self.gain))
 
     def with_terms(self) -> "Velocities":
-        """The same velocities, arrays shared, with a dictionary `terms` that schemes fill; itself where it has one."""
+        """The same velocities with a dictionary `terms` that schemes fill."""
         return self if self.terms is not None else replace(self, terms={})
 
     @property
@@ -80,7 +80,7 @@ class Velocities(ReadOnly):
 
 
 def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
-    """Make, not raise, the ValueError for an interval that needs more than `MOST_STEPS` at speeds (ndim,)."""
+    """The ValueError for an interval that needs more than `MOST_STEPS` at speeds (ndim,)."""
     axis = int(np.argmax(speed / np.array(grid.spacing)))
     return ValueError(
         f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
@@ -90,7 +90,7 @@ def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float,
 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(low + spread, high - spread), spread >= 0; the middle twice where nothing is left beyond `ROUNDING`."""
+    """(low + spread, high - spread); the middle twice where nothing is left beyond `ROUNDING`."""
     if not np.any(spread):
         return low, high
     middle, left = (low + high) / 2, (high - low) / 2 - spread
@@ -99,7 +99,7 @@ def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[Flo
 
 
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
-    """Whether the sum of segments -+pushes[:, k], (axes, K), is its own mirror image about an axis, up to 1e-9."""
+    """Whether the sum of segments -+pushes[:, k], (axes, K), is its own mirror image about an axis."""
     # so it is if along each direction there is as much length as along the mirrored one
     mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
     lengths = np.sqrt((pushes**2).sum(axis=0))
@@ -110,7 +110,7 @@ def _symmetric(axis: int, pushes: FloatArray) -> bool:
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
-    """Yield (j, rows) for each input j that occurs among `inputs` (M,), ascending: where it occurs, as an index."""
+    """Yield (j, rows) for each j that occurs among `inputs` (M,): where it occurs, as an index."""
     if len(inputs) == 1:  # without it a single run takes 1.08 of the time
         yield int(inputs[0]), slice(None)
         return
@@ -122,8 +122,7 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 class Interval(ReadOnly):
     """The motion from one sampling time to the next, under a constant input and any disturbance.
 
-    Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes. It is immutable; what is
-    found once is kept with it, or with its dynamics.
+    States may have any coordinates on periodic axes. It is immutable; what is found once is kept with it.
     """
 
     grid: Grid
@@ -135,22 +134,22 @@ class Interval(ReadOnly):
 
     @property
     def end(self) -> float:
-        """The latest time at which the interval ends, s; the adversary may end it sooner by up to `early`."""
+        """The latest time at which the interval ends, s; the adversary may end it up to `early` sooner."""
         return self.begin + self.delta
 
     @cached_property
     def walled(self) -> "Interval":
-        """The same interval on a grid whose bounded ends are all walls, at which states and boxes are then clipped."""
+        """The same interval on a grid whose bounded ends are all walls."""
         return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 
     def drift(self, states: Any, j: int, t: Any) -> Any:
-        """Velocity of states (M, ndim), also traced, under input j without the adversary at time t: (M, ndim)."""
+        """Velocity of states (M, ndim), also traced, under input j without the adversary at time t."""
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """The gain of v (`VectorField.gain_at`) for each state (M, ndim) under its own input: (M, ndim, D)."""
+        """The gain of v for each state (M, ndim) under its own input: (M, ndim, D)."""
         points = self.grid.wrapped(states)
         if self.dynamics.shared_gain:
             return self.dynamics.gain_at(points, 0, t)
@@ -160,14 +159,14 @@ class Interval(ReadOnly):
         return gain
 
     def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
-        """Half-widths of the box of v under each of the inputs (M,), indices: (M, D), perhaps read-only."""
+        """Half-widths of the box of v under each of the inputs (M,): (M, D)."""
         if self.dynamics.shared_gain:
             return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.disturbance_dim))
         table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
         return table[inputs]
 
     def undisturbed(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """Velocity of each state (M, ndim) under its input (M,), an index, without v at time t: (M, ndim)."""
+        """Velocity of each state (M, ndim) under its input (M,) without v at time t."""
         if self.dynamics.constant:
             return self.dynamics.arrays[0][inputs]
         velocity = np.empty_like(states)
@@ -187,7 +186,7 @@ class Interval(ReadOnly):
         return out
 
     def _runge_kutta(self, j: int, states_and_v: Any, t: Any, duration: Any) -> Any:
-        """One Runge-Kutta step of order 4 under input j from states and v side by side, (M, ndim + D): (M, ndim)."""
+        """One Runge-Kutta step of order 4 under input j from states and v side by side: (M, ndim)."""
         # one array, as formulas take it
         states, v = states_and_v[:, : self.grid.ndim], states_and_v[:, self.grid.ndim :]
 
@@ -218,7 +217,7 @@ class Interval(ReadOnly):
         return np.moveaxis(moved + more, -1, 0)
 
     def _displacements_by_two_rules(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Displacements without an adversary, by Euler's and by the midpoint rule, also traced: (M, L, ndim) each."""
+        """Displacements without an adversary, by Euler's and by the midpoint rule: (M, L, ndim) each."""
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
             moves.append(self.delta * self.drift(states, j, begin))
@@ -227,7 +226,7 @@ class Interval(ReadOnly):
         return np.stack(moves, axis=1), np.stack(later, axis=1)
 
     def reachable_boxes(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Boxes around all that `displacement_sets` has, relative to states: lower and upper corners, (M, L, ndim)."""
+        """Boxes around all that `displacement_sets` has: lower and upper corners, (M, L, ndim)."""
         low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
         return low - spread, high + spread
@@ -236,8 +235,7 @@ class Interval(ReadOnly):
         """States in `reachable_boxes` that the adversary can bring about, relative to states: (M, L, P, ndim).
 
         One towards each of the points `sides` (P, ndim) of the unit box: the point of the box without segments, plus as
-        large a share of each segment as it is out; or, where v is cut, the last on the way there beyond no plane of
-        `normals`.
+        large a share of each segment; or, where v is cut, the last on the way there beyond no plane of `normals`.
         """
         low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
@@ -256,11 +254,10 @@ class Interval(ReadOnly):
     def displacement_sets(self, states: FloatArray) -> FloatArray:
         """Where each input leads at the interval's end, relative to states (M, ndim): (4 + K, L, ndim, M), M perhaps 1.
 
-        [0], [1] : corners of a box, `widening` included; exact where velocities do not depend on the state, but larger
-        where v is cut, else estimates. [2], [3] : a and b of the path without an adversary, x + s a + s^2 b, 0 <= s <=
-        1; exact for a constant drift, else to second order. [4:] : half of the segment that each component in
-        `VectorField.oblique` adds to the box; or, in C order, the greatest n . x at the end for each of the `normals`
-        n, and zeros behind them.
+        [0], [1] : corners of a box, `widening` included; exact where velocities do not depend on the state (larger
+        where v is cut), else estimates. [2], [3] : a and b of the path without an adversary, x + s a + s^2 b, 0 <= s <=
+        1; exact for a constant drift, else to second order. [4:] : half of the segment of each component in
+        `VectorField.oblique`; or, in C order, the greatest n . x at the end for each of the `normals` n, and zeros.
         """
         # `sdhj.kernels.tubes` reads all of it by these places
         if self.dynamics.stateless:
@@ -277,7 +274,7 @@ class Interval(ReadOnly):
 
     @property
     def displacement_formula(self) -> Formula | None:
-        """`displacement_sets` as one formula of states and the begin, (4 + K, L, ndim); None where there is none."""
+        """`displacement_sets` as one formula of states and the begin, (4 + K, L, ndim), if there is one."""
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
@@ -286,7 +283,7 @@ class Interval(ReadOnly):
         return found
 
     def _displacement_sets(self, states: Any, begin: Any) -> Any:
-        """`displacement_sets` of an interval from `begin`, states first: (M, 4 + K, L, ndim), also traced."""
+        """`displacement_sets` of an interval from `begin`, also traced: (M, 4 + K, L, ndim)."""
         # the hull over three of the ends that the adversary may choose: now, in the middle and at the latest
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
@@ -321,7 +318,7 @@ class Interval(ReadOnly):
         return np.array(found).reshape(-1, ndim)
 
     def _greatest_along(self, states: FloatArray, begin: float, directions: FloatArray) -> FloatArray:
-        """The greatest n . (x(end) - x) over v, which is cut, or a bound or estimate, for directions n: (M, L, K)."""
+        """The greatest n @ (x(end) - x) over v, which is cut, or an estimate, for directions n: (M, L, K)."""
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.depends_on_time else np.array([self.begin])
@@ -343,7 +340,7 @@ class Interval(ReadOnly):
         return np.stack(far, axis=1)
 
     def _half_segments(self, states: Any, begin: Any) -> list[Any]:
-        """gain_d bounds_d for each d in `VectorField.oblique`, at states (M, ndim): a list of (M, L, ndim)."""
+        """gain_d bounds_d for each d in `VectorField.oblique`, at states: a list of (M, L, ndim)."""
         dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
         if not dynamics.oblique:
             return []
@@ -352,7 +349,7 @@ class Interval(ReadOnly):
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Corners (M, L, ndim) of the box of displacements by all but `VectorField.oblique`, also traced."""
+        """Corners (M, L, ndim) of the box of displacements by all but `VectorField.oblique`."""
         dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.displacement_boxes(0.0, self.delta)
@@ -388,11 +385,11 @@ class Interval(ReadOnly):
 
     @kept
     def _constant_extremes(self) -> FloatArray:
-        """`extremes` at the begin, (2, L, ndim), where velocities depend neither on state nor time."""
+        """`extremes` at the begin, where velocities depend neither on state nor time."""
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s: this long at the mean `extremes`."""
+        """Corners (L, ndim) of the box of displacements from `begin` to `end`, s, at the mean `extremes`."""
         if self.dynamics.depends_on_time:  # by Gauss's rule, not exact
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
             mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
@@ -402,7 +399,7 @@ class Interval(ReadOnly):
         return low, high
 
     def segments(self, axes: Sequence[int]) -> FloatArray:
-        """gain_d bounds_d along `axes` for each component d of v that moves several of these: (L, K, len(axes))."""
+        """gain_d bounds_d along `axes` for each component d of v that moves several of these: (L, K, axes)."""
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.depends_on_time or dynamics.bounds.depends_on_time)
         if not fixed or not dynamics.couples(own):
@@ -419,7 +416,7 @@ class Interval(ReadOnly):
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
     def _may_leave_at_wall(self, axis: int, row: int, pushes: FloatArray) -> bool:
-        """Whether states held at a wall of an axis may end outside the sum of the segments `pushes` (L, axes, K)."""
+        """Whether states held at a wall may end outside the sum of the segments `pushes` (L, axes, K)."""
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
         if not self.grid.ends_where("holds")[:, axis].any():
             return False
@@ -443,7 +440,7 @@ class Interval(ReadOnly):
     # ---- on the grid: velocity sets for the games
 
     def _values_at_nodes(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
-        """The values of a formula of states at nodes of the axes it reads, which broadcast to the subgrid `seen`."""
+        """The values of a formula at nodes of the axes it reads, which broadcast to the subgrid `seen`."""
         read = [axis for axis in seen if formula.reads[0, axis]]
         if not read:
             return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
@@ -452,7 +449,7 @@ class Interval(ReadOnly):
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Least and greatest velocities under input j over all v: two lists of arrays that broadcast to the grid."""
+        """Least and greatest velocities under input j over v: two lists of arrays that broadcast to the grid."""
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
             found = [
@@ -465,13 +462,13 @@ class Interval(ReadOnly):
 
     @kept
     def speeds(self) -> FloatArray:
-        """The greatest |velocity| along each axis over all nodes, inputs and v, at some instants only: (ndim,)."""
+        """The greatest |velocity| along each axis over nodes, inputs and v, at some instants only: (ndim,)."""
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.depends_on_time else INSTANTS[:1])
         ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
 
     def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
-        """The smallest set of axes with `axes` in it whose velocities depend on no other coordinate; ascending."""
+        """The smallest set of axes with `axes` in it whose velocities depend on no other coordinate."""
         found = set(axes)
         while grown := {int(k) for i in found for k in np.flatnonzero(self.dynamics.reads[i])} - found:
             found |= grown
@@ -480,9 +477,8 @@ class Interval(ReadOnly):
     def velocities(self, j: int, axes: Sequence[int], t: float | None = None, *, drift: bool = True) -> Velocities:
         """The velocity set under input j along some axes at time t, by default the begin, on their subgrid.
 
-        Coordinates left out that matter are taken at all their nodes (App. A.4): each combination is a mode, and H the
-        maximum over modes. drift=False, for a frame that moves with the drift, counts where velocities do not depend on
-        the state.
+        Coordinates left out that matter are taken at all their nodes (App. A.4): each combination is a mode.
+        drift=False is for a frame that moves with the drift.
         """
         dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
@@ -504,12 +500,12 @@ class Interval(ReadOnly):
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """These axes and those that their velocities read, ascending, and where the latter stand among them."""
+        """These axes and those that their velocities read, and where the latter stand among them."""
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
     def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
-        """The velocity set under input j as a box of arrays on the axes they read, or None where that is larger."""
+        """The velocity set under input j as a box of arrays on the axes they read; None where that is larger."""
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         if not dynamics.formulas or dynamics.gain is None:
             return None
@@ -526,14 +522,14 @@ class Interval(ReadOnly):
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points_of_axes(self, seen: list[int]) -> FloatArray:
-        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at lower ends."""
+        """States (M, ndim) at the nodes of the subgrid `seen`, the other coordinates at lower ends."""
         grid = self.grid.subgrid(seen)
         points = np.tile(np.array(self.grid.lower), (grid.size, 1))
         points[:, seen] = grid.points()
         return points
 
     def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The velocity set under input j as modes, a box for each piece of v, where v does not enter linearly."""
+        """The velocity set under input j as modes, a box for each piece of v that does not enter linearly."""
         dynamics, (seen, outside), cuts = (
             self.dynamics,
             self._with_axes_read(axes),

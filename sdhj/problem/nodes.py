@@ -17,13 +17,13 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, each of them checked."""
+    """Values of a level-set function at all nodes, (*shape), each of them checked."""
     values = [checked_values(function(points), points, name) for points in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
 def checked_values(values: FloatArray, points: FloatArray, name: str) -> FloatArray:
-    """The values (M,) of a level-set function at points (M, ndim); ValueError where single precision holds one not."""
+    """The values (M,) of a level-set function; ValueError where single precision holds one not."""
     if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
         raise ValueError(
             f"level set of {name!r} may be undefined or infinite at {points[int(np.argmin(finite))].tolist()}, by the "
@@ -44,13 +44,13 @@ def checked_values(values: FloatArray, points: FloatArray, name: str) -> FloatAr
 
 
 def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    """The largest |difference| of values between neighbours along an axis; 0 where `values` have one node along it."""
+    """The largest |difference| of values between neighbours along an axis; 0 where there is one node."""
     here, there = grid.edges(values, axis)
     return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
 def neighbour(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node (or cell) the value at the one that is `by` further along an axis, or `past`: a new array."""
+    """For each node (or cell) the value at the one that is `by` further along an axis, or `past`."""
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
         ends = slice(0, -by) if by < 0 else slice(values.shape[axis] - by, None)
@@ -66,7 +66,7 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 
 def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values (*grid.shape) of an unsafe set, negative at all nodes where they are <= 0, as G is closed: a new array."""
+    """Values of an unsafe set, negative at all nodes where they are <= 0, as G is closed: new."""
     size = size_of(grid, function)
     flat = np.abs(values) <= HAIR * size
     for axis in range(grid.ndim if flat.any() else 0):
@@ -87,7 +87,7 @@ def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], Floa
 
 
 def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-    """For each node a lower bound in all cells around it, from bounds `least` (M,) in boxes of corners (M, ndim)."""
+    """For each node a lower bound in all cells around it, from bounds `least` (M,) in boxes."""
     ends = []
     for axis, (end, periodic) in enumerate(zip(grid.upper, grid.periodic, strict=True)):
         nodes = grid.nodes(axis)  # a function that is not periodic jumps where an axis closes, so both ends count
@@ -109,9 +109,8 @@ def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatAr
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """As `least_of_cells`, of a function of which no bounds are known.
 
-    It is the least, over the points z that cut each cell's edge into `FINE` parts, of f(z) - 1/2 sum over the axes of
-    the largest |f(z') - f(z'')|, z' and z'' neighbours along the axis within one part of z: steepness far away costs
-    nothing.
+    The least, over the points z that cut each cell's edge into `FINE` parts, of f(z) - 1/2 sum over the axes of the
+    largest |f(z') - f(z'')|, z' and z'' neighbours along the axis within one part of z.
     """
     lines = [  # where a periodic axis closes both ends have points
         np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)

@@ -54,26 +54,25 @@ class ReachAvoidProblem(Remembering):
         None: only stay clear of the unsafe sets, and of the unsafe ends of the grid, for all N steps.
     unsafe : sequence of UnsafeSet
     delta : float
-        Length of a sampling interval, s.
+        The sampling interval, s.
     steps : int, or None
-        N, the number of sampling intervals. None: as many as it takes until one more changes nothing, to reach the
-        target eventually or to stay safe for ever, by method "certified"; nothing may then depend on time. The table's
-        problem has the number.
-        Where anything depends on time there are N (N + 1) / 2 tubes instead of N.
+        N. None: as many as it takes until one more changes nothing, to reach the target eventually or to stay safe for
+        ever, by method "certified"; nothing may then depend on time, and the table's problem has the number. Where
+        anything depends on time there are N (N + 1) / 2 tubes instead of N.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
         times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.
     name : str
         One line of text, for messages and files.
     recipe : mapping, optional
-        {"builder": name, "arguments": {...}} from which a saved table rebuilds its problem; set by the case studies.
+        {"builder": name, "arguments": {...}} from which a case study is rebuilt.
     sensing : Sensing
-        Measurement error, delay and jitter, by default none; `sdhj.problem.sensing` says what the sets then mean.
+        By default none; `sdhj.problem.sensing` says what the sets then mean.
 
     Raises
     ------
     ValueError
-        If shapes, options or numbers do not fit, or if no grid node is both in the target and safe at any step.
+        If no grid node is both in the target and safe at any step.
 
     Examples
     --------
@@ -123,7 +122,7 @@ class ReachAvoidProblem(Remembering):
             """Make a problem; the arguments are those of the class."""
 
     def __post_init__(self) -> None:
-        """Replace the fields by what is made of them, and check that all fit one another (by `consistency`)."""
+        """Replace the fields by what is made of them, and check that all fit one another."""
         self._check_parts()
         option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
@@ -168,7 +167,7 @@ class ReachAvoidProblem(Remembering):
             check_sensing(self)
 
     def _check_parts(self) -> None:
-        """Check the types of most fields, and, in place, make a target of None `ANYWHERE` and the recipe read-only."""
+        """Check the types of most fields, and make a target of None `ANYWHERE` and the recipe read-only."""
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
         try:
@@ -206,26 +205,26 @@ class ReachAvoidProblem(Remembering):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256, hexadecimal, of everything that a table depends on, and of all names; black boxes are called."""
+        """SHA-256 of everything that a table depends on, and of all names; black boxes are called."""
         return digest_of(described(self), arrays_of(self))
 
     # ---- numbers, steps and times
 
     @property
     def most_steps(self) -> int:
-        """N, the number of steps; `FOREVER`, the most that are solved, for a problem without a number of steps."""
+        """N, or `FOREVER`, the most that are solved without a number of steps."""
         return self.steps or FOREVER
 
     @cached_property
     def time_invariant(self) -> bool:
-        """Whether nothing depends on time: neither the dynamics nor the target nor an unsafe set."""
+        """Whether neither the dynamics nor the target nor an unsafe set depends on time."""
         return not (
             self.dynamics.depends_on_time or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe)
         )
 
     @property
     def has_no_target(self) -> bool:
-        """Whether the task is only to stay clear of the unsafe sets, for all steps."""
+        """Whether the task is only to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
 
     @property
@@ -235,7 +234,7 @@ class ReachAvoidProblem(Remembering):
 
     @property
     def inputs(self) -> FloatArray:
-        """The inputs u_j that the robot can choose from, (L, m), as they were given to `Dynamics`; read-only."""
+        """The inputs u_j, (L, m), read-only."""
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
@@ -259,11 +258,8 @@ class ReachAvoidProblem(Remembering):
         """Half-widths of E, the box around a prediction that holds the state, and by how much boxes are widened.
 
         (ndim,) each, 0 without a `Sensing`. E = w(delay) of dw/dt = A w + b + jumps, w(0) = error (`growth_bound`).
-        Boxes of reachable states are widened to hold the next prediction, too: by E + w(h), dw/dt = A w + jumps, w(0) =
-        E, for the longest hold h; or with memory the next point that the controller carries on: by `error_growth` - b
-        h.
-
-        ValueError where black boxes declare too little for A and b.
+        Boxes of reachable states are widened to hold the next prediction: by E + w(h), dw/dt = A w + jumps, w(0) = E,
+        for the longest hold h; or with memory the next point: by `error_growth` - b h.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
@@ -284,7 +280,7 @@ class ReachAvoidProblem(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k >= 0 to k + 1, one object for all steps if the dynamics do not depend on time."""
+        """The motion from step k to k + 1, one object for all steps if the dynamics do not depend on time."""
         step = step if self.dynamics.depends_on_time else 0
         if step not in (known := self._intervals):
             lasts = self.sensing.hold(self.delta)
@@ -303,19 +299,13 @@ class ReachAvoidProblem(Remembering):
     # ---- the sets at states
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,)."""
+        """Level-set function of one set at states (M, ndim) and time t, s: (M,)."""
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of the target at states (M, ndim) and a time t, s, without interpolation: (M,).
 
-        In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -1.
-
-        Raises
-        ------
-        ValueError
-            If the states have another shape or are no numbers, if t is not a finite number, or if the function is
-            undefined at a state.
+        <= 0 in the target; -1 without one. ValueError if the function is undefined at a state.
 
         Examples
         --------
@@ -332,15 +322,10 @@ class ReachAvoidProblem(Remembering):
         Parameters
         ----------
         points, t
-            As for `target_value`, and so is the unit.
+            As for `target_value`.
         inputs : (M,) int array, optional
-            Indices into problem.inputs of what is applied there, for sets that are unsafe under some inputs only. By
-            default the sets count that are unsafe under all; +inf where none counts.
-
-        Raises
-        ------
-        ValueError
-            As `target_value`.
+            What is applied there, by index, for sets that are unsafe under some inputs only. By default those count
+            that are unsafe under all; +inf where none counts.
 
         Examples
         --------
@@ -366,7 +351,7 @@ class ReachAvoidProblem(Remembering):
         return out
 
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """The numbers of those of states (M, ndim) that are known to be in the target and no unsafe set at a step."""
+        """The numbers of those states that are known to be in the target and no unsafe set at a step."""
         level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
         if self.has_no_target or self.sensing:
             return np.zeros(0, np.int64)  # with a `Sensing` the true state is not known
@@ -381,7 +366,7 @@ class ReachAvoidProblem(Remembering):
         return rows[(self.value_of(self.target, there, t) <= 0.0) & (self.unsafe_value(there, t) > 0.0)]
 
     def surely_in_no_tube(self, points: FloatArray, step: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are in no tube (step, within), whatever was computed, by the sets alone: (M,)."""
+        """Whether states (M, ndim) are in no tube (step, within), by the sets alone: (M,)."""
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
         return lost if within or self.has_no_target else lost | (self.target_value(points, t) > 0.0)
@@ -390,21 +375,21 @@ class ReachAvoidProblem(Remembering):
 
     @property
     def opaque(self) -> dict[str, str]:
-        """{name of a function: words on what its author declares} for each function that is a black box."""
+        """For each function that is a black box its name, with words on what its author declares."""
         boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
         fields = ("reads", "slope", "rate", "enclosure")
         known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
         return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
 
     def black_box(self, name: str) -> BlackBox:
-        """The black box of that name in `functions`; AssertionError if it is a formula."""
+        """The black box of that name in `functions`."""
         found = self.functions[name]
         assert isinstance(found, BlackBox)
         return found
 
     @property
     def functions(self) -> "dict[str, Formula | BlackBox]":
-        """All functions of the problem that there are, formulas or black boxes, by the names that files give them."""
+        """All functions of the problem, by the names that files give them."""
         dynamics = self.dynamics
         named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
         named |= {"bounds": dynamics.bounds, "target": None if self.has_no_target else self.target.level_set}
@@ -414,14 +399,14 @@ class ReachAvoidProblem(Remembering):
 
     @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
-        """{name in `functions`: lines of text} for each formula, and the tables that the lines refer to by position."""
+        """Lines of text for each formula in `functions`, and the tables that they refer to by position."""
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
         return found, tables
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """Everything that a table depends on beside functions, as plain numbers, lists and text for a file's head."""
+        """Everything that a table depends on beside functions, as plain numbers, lists and text."""
         sets: list[dict[str, Any]] = [
             {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
             | ({} if p.inputs is None else {"inputs": list(p.inputs)})

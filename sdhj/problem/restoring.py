@@ -60,7 +60,7 @@ def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """The formulas that a file describes, by their names in `ReachAvoidProblem.functions`, of the shapes these say."""
+    """The formulas that a file describes, by their names in `ReachAvoidProblem.functions`."""
     functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
     components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
     expected: dict[str, Any] = {"drift": (ndim, 1, (count, ndim)), "velocity": (ndim, 1 + components, (count, ndim))}
@@ -78,7 +78,7 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
-    """In words, how a problem differs from what a file describes, by more than a machine's rounding; "" if not."""
+    """In words, how a problem differs from what a file describes, by more than a machine's rounding; or ""."""
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].entry_in_head, problem.sensing.entry_in_head
     pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}

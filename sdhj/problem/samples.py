@@ -48,7 +48,7 @@ class Samples:
 
     @cached_property
     def padded(self) -> "Samples":
-        """The samples on the games' grid, with `PADDING` more nodes past each safe end; itself if there is none."""
+        """The samples on the games' grid, with `PADDING` more nodes past each safe end."""
         grid = self.grid
         padding = np.isfinite(grid.faces("frees")).T * PADDING
         if not padding.any():
@@ -64,7 +64,7 @@ class Samples:
         return Samples(self.problem, grid.wider(padding.tolist(), grid.ends), dynamics, map(as_at_the_end, self.unsafe))
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k to k + 1 on this grid; on the problem's own it is the problem's."""
+        """The motion from step k to k + 1 on this grid."""
         if self.grid is self.problem.grid:
             return self.problem.interval(step)
         step = step if self.dynamics.depends_on_time else 0
@@ -74,7 +74,7 @@ class Samples:
         return self._intervals[step]
 
     def avoid_axes(self, axes: Iterable[int]) -> tuple[int, ...]:
-        """The axes, ascending, of an unsafe set's avoid game: its own, safe ends', and what their velocities read."""
+        """The axes of an unsafe set's avoid game: its own, safe ends', and what their velocities read."""
         # a state that has left through a safe end can no longer collide
         safe = np.isfinite(self.grid.faces("frees")).any(axis=0)
         return self.interval(0).self_contained({*axes, *np.flatnonzero(safe).tolist()})
@@ -82,7 +82,7 @@ class Samples:
     def sample(
         self, part: TargetSet | UnsafeSet, t0: float, t1: float | None = None, view_time: str | None = None
     ) -> FloatArray:
-        """The level-set function of a set, at t0 or over [t0, t1], at the nodes of its axes' subgrid, read-only."""
+        """The level-set function of a set, at t0 or over [t0, t1], at the nodes of its axes' subgrid."""
         grid, view_time = self.grid.subgrid(part.axes), view_time or self.problem.view_time
         if part.moving or (part is self.problem.target and grid.size > SMALL):  # would take as much memory as a tube
             return read_only(_at_nodes(part, grid, t0, t1, view_time))
@@ -92,7 +92,7 @@ class Samples:
         return self._static[key]
 
     def goal(self, step: int) -> FloatArray:
-        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1), (*shape)."""
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1)."""
         problem, grid, target = self.problem, self.grid, self.problem.target
         t, jitter, values = problem.time(step), problem.sensing.jitter, np.full((1,) * grid.ndim, -np.inf)
         if not problem.has_no_target:
@@ -108,7 +108,7 @@ class Samples:
 
 
 def _at_nodes(part: TargetSet | UnsafeSet, grid: Grid, t0: float, t1: float | None, view_time: str) -> FloatArray:
-    """The level-set function of a set at t0, or over [t0, t1], at nodes of its grid, by its `sampling`: (*shape)."""
+    """The level-set function of a set at t0, or over [t0, t1], at nodes of its grid, by its `sampling`."""
 
     def function(points: FloatArray) -> FloatArray:
         if t1 is None or not isinstance(part, UnsafeSet):

@@ -58,22 +58,17 @@ class Sensing:
     Parameters
     ----------
     error : float, or one for each axis
-        e, the largest error of a measurement, in the units of the state.
+        e, the largest of a measurement, in the units of the state.
     delay : float
-        d, the time from a measurement to the start of the input chosen from it, s; at most delta.
+        d, from a measurement to the start of the input chosen from it, s; at most delta.
     jitter : float
         j, the most by which a sampling time may come early or late, s.
     rest : int
-        Index into problem.inputs of the input that is held before the first chosen one starts.
+        The input that is held before the first chosen one starts, by index.
     memory : bool
-        Whether the controller remembers from step to step what the state can be (*Memory* in `sdhj.problem.sensing`):
-        larger sets, the more the higher the rate, for control loops that ask `Controller.step`, or `sdhj_step` in C. A
-        loop that asks `select`, `batch` or `filter` with each new measurement is refused, and needs memory=False.
-
-    Raises
-    ------
-    ValueError
-        If a value is not a number, or negative; `ReachAvoidProblem` checks that the values fit the problem.
+        Whether the controller remembers what the state can be (*Memory* in `sdhj.problem.sensing`): larger sets, for
+        loops that ask `Controller.step`, or `sdhj_step` in C. A loop that asks `select`, `batch` or `filter` with each
+        new measurement needs memory=False.
 
     Examples
     --------

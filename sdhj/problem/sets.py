@@ -38,37 +38,35 @@ class UnsafeSet:
     Parameters
     ----------
     axes : sequence of int
-        The axes of the grid that the function depends on, numbered from 0, ascending. The fewer, the faster the solve.
+        The axes that the function depends on, from 0, ascending. The fewer, the faster the solve.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Takes coordinates on these axes, whatever this first parameter is called (but not t, u or v), and the time in s.
-        Values <= 0 in the set at time t, its boundary included, and > 0 outside; ideally the signed distance. One that
-        is 0 in a whole region is refused by methods on the grid, unless sampling="cell".
+        Of coordinates on these axes and the time, s. <= 0 in the set, its boundary included, and > 0 outside; ideally
+        the signed distance. One that is 0 in a whole region is refused by methods on the grid, unless sampling="cell".
     swept : callable (points, t0, t1) -> (M,), optional
-        Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
-        By default the library bounds `level_set` over [t0, t1] in pieces of time.
+        Of a set that contains this one at every time in [t0, t1]. By default `level_set` is bounded over [t0, t1] in
+        pieces of time.
     name : str
         For messages and pictures.
     inputs : sequence of int, optional
-        The numbers of the inputs, rows of `Dynamics.inputs`, under which the set is unsafe; by default under all. A
-        state in the set is then not lost by itself: the robot must only not apply one of these inputs for an interval
-        in which the state may be in the set, ends included. Examples are thrust near a station, and a charger
-        that is off from 17 to 20 h. For a map or a polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
+        The inputs under which the set is unsafe, by index; by default all. A state in the set is then not lost by
+        itself: the robot must only not apply one of these for an interval in which the state may be in the set, such as
+        thrust near a station. For a map or a polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
     sampling : {"nodes", "steep", "cell"}
-        The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
-        cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
-        nodes thick is not worn away by the scheme; it grows by less than a cell. "cell" is the conservative option: a
-        lower bound over all cells that touch the node, so no thin part is missed, but the set grows by a cell.
+        What a node gets. "nodes": the function's value; right where the set is some cells thick everywhere, else
+        `solve` warns. "steep": that times 10 inside the set, so that one a node or two thick is not worn away; it grows
+        by less than a cell. "cell": a lower bound over all cells that touch the node, so no thin part is missed, but
+        the set grows by a cell.
 
     Raises
     ------
     ValueError
-        If an argument does not fit, here or when the set is given to a problem; or if a function cannot be read as a
-        formula, with the line that cannot, and what to write instead.
+        If a function cannot be read as a formula: at which line, and what to write instead.
 
     Notes
     -----
     Functions are read once, as formulas (`sdhj.formulas`); one that cannot be is given as a `sdhj.BlackBox`.
-    Coordinates on periodic axes are wrapped into the grid before a function is evaluated, which has to be periodic.
+    On
+    periodic axes they are given wrapped coordinates, and have to be periodic.
 
     Examples
     --------
@@ -119,40 +117,38 @@ class UnsafeSet:
         Parameters
         ----------
         source : path of a map server's YAML file, or bool array (rows, columns)
-            An array is True where the map is occupied or unknown; row 0 is the top of the map, as in an image.
+            An array is True where the map is not free; row 0 is its top, as in an image.
         axes : sequence of int
             The grid's axes for the map's x and y, m; with a footprint, for x, y and heading, or those of its poses.
         resolution : float
-            Side of a pixel, m. Required for an array; a file contains it.
+            Side of a pixel, m, for an array.
         origin : (x, y) or (x, y, yaw)
-            Position of the lower left corner of the lower left pixel, m, and the rotation of the map about it, rad; as
-            `resolution`.
+            Position of the lower left corner of the lower left pixel, m, and the rotation of an array's map about it,
+            rad.
         radius : float
-            Radius of a robot with centre (x, y), by which everything unsafe is enlarged, m.
+            Of the robot, m.
         footprint : array (K, 2), Body, or a sequence of Body
-            As for `polygon`. Disks that cover the robot are looked up in the map.
+            As for `polygon`; disks that cover it are looked up.
         tolerance : float
-            How far these disks may reach beyond the footprint, m, above 0; ignored for a point. Half of it takes some
-            1.4 times as many disks.
+            How far these may reach beyond it, m. Half of it takes some 1.4 times as many disks.
         name : str
             For messages and pictures.
 
         Returns
         -------
         UnsafeSet
-            Its level set is at most the signed distance, m, and within the map at most half a pixel's diagonal below
-            it for a point or a disk.
+            Its level set is at most the signed distance, m, for a point or a disk at most half a pixel's diagonal below
+            it.
 
         Raises
         ------
         ValueError
-            If a file cannot be read or is invalid, with its name; if no pixel is free; if there are more than about
-            33 million pixels, as all tables that a problem looks up may take 2^30 bytes; if a footprint has no three
-            axes to move with, or the tolerance is too small for it.
+            If a file is invalid, no pixel is free, there are more than about 33 million pixels, a footprint has no
+            three axes to move with, or the tolerance is too small for it.
         MemoryError
-            If 130 bytes a pixel, which reading it takes at most, are more than is available.
+            If 130 bytes a pixel are more than is available.
         ImportError
-            If a package that is needed, of the extra `maps`, is not installed.
+            Without the extra `maps`.
 
         Examples
         --------
@@ -188,39 +184,36 @@ class UnsafeSet:
         Parameters
         ----------
         vertices : array (K, 2)
-            Its corners in order, m, in either direction; in the polygon's own frame if it has a pose.
+            Corners in order, m; in the polygon's own frame if it has a pose.
         axes : sequence of int
-            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
-            footprint; or those that the poses are functions of.
+            The grid's axes for x and y of a point or a disk, for x, y and heading of a footprint, or those that the
+            poses are functions of.
         radius : float
-            By which what is unsafe is enlarged, m: that of a disk-shaped robot.
+            Of a disk-shaped robot, m.
         footprint : array (K, 2), Body, or a sequence of Body, optional
-            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
+            The robot's corners in its own frame, m, x ahead, or its bodies; by default a point.
         pose : callable (points (M, axes), t) -> (x, y, heading), optional
-            Where the frame of what is unsafe is, m and rad, if it moves; t in s.
+            Where the polygon's frame is, m and rad, if it moves.
         outside : bool
-            Whether it is a fence: what is outside is unsafe, rather than what is inside.
+            Whether it is a fence: what is outside is unsafe.
         name : str
-            For messages and pictures.
 
         Returns
         -------
         UnsafeSet
-            Its level set is the signed distance of the robot to the polygon, m, exact outside.
+            Its level set is the signed distance, m, exact outside.
 
         Raises
         ------
         ValueError
-            If there are fewer than three vertices, edges cross, or the radius is negative; if the axes are not two and
-            there is neither a footprint nor a pose; if a footprint has no three axes to move with.
+            If edges cross, or the axes do not fit footprint and poses.
         ImportError
             If Shapely is not installed.
 
         Notes
         -----
-        Bodies and polygons are cut into convex parts. The value is the least signed distance between a part of one and
-        a part of the other: its sign is right everywhere, and where the two do not meet it is the distance
-        (`sdhj.problem.shapes.bodies`).
+        The value is the least signed distance between convex parts of the two: its sign is right everywhere, and where
+        they do not meet it is the distance (`sdhj.problem.shapes.bodies`).
 
         Examples
         --------
@@ -260,14 +253,7 @@ class UnsafeSet:
         lower, upper : (float, float)
             The two corners, m.
         axes, radius, footprint, pose, outside, name
-            As for `polygon`, and so is what is returned.
-
-        Raises
-        ------
-        ValueError
-            If `lower` is not below `upper` in both coordinates; if a footprint has no three axes to move with.
-        ImportError
-            If Shapely is not installed.
+            As for `polygon`, and so are errors.
 
         Examples
         --------
@@ -304,12 +290,7 @@ class UnsafeSet:
         radius : float
             m; for a disk-shaped robot the sum of both radii.
         axes, footprint, pose, name
-            As for `polygon`, and so is what is returned.
-
-        Raises
-        ------
-        ValueError
-            If the centre is no pair of numbers or the radius is negative; if a footprint has no three axes.
+            As for `polygon`, and so are errors.
 
         Examples
         --------
@@ -322,24 +303,24 @@ class UnsafeSet:
 
     @classmethod
     def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
-        """The set of states in which the robot meets one of the `parts` of a body, or of what is outside of it."""
+        """The states in which the robot meets one of the `parts` of a body, or of what is outside of it."""
         own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
         robot = footprint_of(footprint, own)
         return cls(own, body_level_set(robot, parts, body), name=name)
 
     @property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time; a black box does unless its `BlackBox.rate` is 0."""
+        """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
         return bool(self.level_set.depends_on_time)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
-        """Whether the set is unsafe under each of these inputs (bool, in their shape), or under all for None."""
+        """Whether the set is unsafe under each of these inputs, or under all for None."""
         if self.inputs is None or inputs is None:
             return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
         return np.isin(inputs, self.inputs)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """Values (M,) at points (M, axes) of one static level-set function for all of [t0, t1] (Sec. 5.4, 6.2.1)."""
+        """Values (M,) of one static level-set function for all of [t0, t1] (Sec. 5.4, 6.2.1)."""
         if not self.moving:
             return self.level_set(points, t0)
         if view_time == "swept" and self.swept is not None:
@@ -351,7 +332,7 @@ class UnsafeSet:
         return reduce(np.minimum, [self.level_set(points, t) for t in times])  # the union of the sets at these times
 
     def least(self, low: FloatArray, high: FloatArray, t0: float, t1: float | None, view_time: str) -> FloatArray:
-        """Lower bounds (M,) in boxes, of corners (M, axes), of the level-set function at t0 or of that of `over`."""
+        """Lower bounds (M,) in boxes of the level-set function at t0 or of that of `over`."""
         times = [(t0, t0)]
         if self.moving and t1 is not None:
             if view_time == "swept" and self.swept is not None:
@@ -362,7 +343,7 @@ class UnsafeSet:
 
 
 class Solved(Protocol):
-    """What `TargetSet.from_table` needs of a table: its problem and grid, and its tubes as level-set functions."""
+    """What `TargetSet.from_table` needs of a table."""
 
     @property
     def grid(self) -> Grid:
@@ -371,7 +352,7 @@ class Solved(Protocol):
     problem: Any
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function (points (M, ndim), t) -> (M,) of the tube, within so many steps, of the step at t."""
+        """Level-set function (points, t) of the tube, within so many steps, of the step at t."""
 
 
 @dataclass(frozen=True)
@@ -381,17 +362,9 @@ class TargetSet:
     Parameters
     ----------
     axes : sequence of int
-        The axes of the grid that the function depends on, numbered from 0, ascending.
+        As for `UnsafeSet`.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Takes coordinates on these axes and the time in s; <= 0 in the target, > 0 outside, ideally the signed distance.
-    name : str
-        For messages and pictures.
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit, here or when the target is given to a problem; or if a function cannot be read as a
-        formula, with the line that cannot, and what to write instead.
+        Of coordinates on these axes and the time, s; <= 0 in the target, > 0 outside, ideally the signed distance.
 
     Examples
     --------
@@ -419,7 +392,7 @@ class TargetSet:
 
     @property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time; a black box does unless its `BlackBox.rate` is 0."""
+        """As `UnsafeSet.moving`."""
         return bool(self.level_set.depends_on_time)
 
     @classmethod
@@ -427,29 +400,20 @@ class TargetSet:
         """The tube of another table, as the target of a second problem that leads into it.
 
         Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
-        delta: the states from which the table reaches its target or, without one, stays safe. It is empty after the
-        table's last step and between its sampling times; if nothing depends on time in the table's problem, step 0 is
-        used at every time.
+        delta, empty after its last step and between its sampling times; if nothing depends on time in the table's
+        problem, that of step 0.
 
-        The tube of a grid table is interpolated between its nodes, which formulas know (`sdhj.gridded`). That its
-        states reach the first table's target is not proved.
+        The tube of a grid table is interpolated (`sdhj.gridded`); that its states reach the first target is not proved.
 
         For a certified table the target is exactly its certified cells, a black box with an enclosure, and a certified
-        table of the second problem proves the whole way: a cell is in its target if certified cells of the first table
-        cover it. Rounding at the handover may move a state out of them by what it may in three steps
-        (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
+        table of the second problem proves the whole way. Rounding at the handover moves a state by no more than three
+        steps do (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
 
         Parameters
         ----------
         table : Table
-            Solved, or loaded, before.
         within : int, optional
-            The most steps that its robot may take; by default all that are left.
-
-        Raises
-        ------
-        ValueError
-            If `table` is not a table, or does not have `within` steps.
+            By default all steps that are left.
 
         Examples
         --------
@@ -468,7 +432,7 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
-    """The indices of inputs that a user gave for the unsafe set `name`, ascending; ValueError unless each is one."""
+    """The indices of inputs that a user gave for the unsafe set `name`, ascending, checked."""
     found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
     numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)
     if not numbers or len(numbers) != len(set(numbers)):
@@ -479,7 +443,7 @@ def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
-    """The two axes for x and y of the set `name`, as a tuple of int; ValueError unless they are two whole numbers."""
+    """The two axes for x and y of the set `name`, checked."""
     if len(both := axis_numbers(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
     return both

@@ -28,9 +28,6 @@ def lipschitz_bounds(
     |dq1/dt - dq2/dt| <= A |q1 - q2| + b + jumps, axis by axis, for any two states on the grid under the same input at
     the same time up to `end`, s, of which one is disturbed. A_ik >= |d velocity_i / d q_k|, 1/s; b is the most that the
     disturbance adds, per second.
-
-    A velocity that may jump or be infinitely steep has zeros in its row of A and of b, and what it can differ by in
-    `jumps`. ValueError where a black box does not declare enough, or a velocity may be undefined.
     """
     # Differences between nodes would take a jump J for a slope J / h, and so let velocities at both sides of it, w < h
     # apart, differ by J w / h only. With `jumps` the bound is never too low; where it is too high, nothing is left of
@@ -79,7 +76,7 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
 
 
 def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
-    """Lower and upper corners, (M, n) each, of about `BEGINNING_BOXES` equal boxes that together are [low, high]."""
+    """Lower and upper corners, (M, n) each, of about `BEGINNING_BOXES` equal boxes that fill [low, high]."""
     count = int(BEGINNING_BOXES ** (1 / max(reads.sum(), 1)) + 1e-9)
     edges = np.linspace(low, high, count + 1)
     first, columns = np.indices(np.where(reads, count, 1).tolist()).reshape(len(low), -1).T, np.arange(len(low))
@@ -87,12 +84,12 @@ def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
 
 
 def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| for all of these nodes, over the box [low, high], (n,) each; inf where undefined."""
+    """An upper bound on |node| for all of these nodes, over the box [low, high]; inf where undefined."""
     return max(_greatest(one, low, high) for one in dict.fromkeys(nodes))
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| over the box [low, high], if found soon within `SETTLED_WITHIN` of a value taken."""
+    """An upper bound on |node| over the box, if found soon within `SETTLED_WITHIN` of a value taken."""
     # A bound that is too high only makes error boxes larger, one that is too low breaks what they promise.
     if one.op == "const":
         return abs(float(one.value))
@@ -117,13 +114,13 @@ def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
 
 
 def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
-    """A bound (M,) on a formula's magnitude in each box [low, high], (M, n), and the largest that it surely has."""
+    """A bound (M,) on a formula's magnitude in each box, and the largest that it surely has."""
     least, most = formula.bounds(low, high, (0.0, 0.0))
     return np.maximum(-least, most), float(np.maximum(least, -most).max(initial=0.0))
 
 
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
-    """Whether a velocity has other values at the lower than at the upper end of a periodic axis, beyond `SAME`."""
+    """Whether a velocity differs between the ends of a periodic axis, beyond `SAME`."""
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
         if sides[0] is sides[1]:
@@ -138,7 +135,7 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
 
 
 def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
-    """What a drift or gain that is a black box adds to A (ndim, ndim) and b (ndim,) of `lipschitz_bounds`."""
+    """What a drift or gain that is a black box adds to A and b of `lipschitz_bounds`."""
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
     opaque = {name: part for name in ("drift", "gain") if isinstance(part := getattr(dynamics, name), BlackBox)}
@@ -160,7 +157,7 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
 
 
 def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
-    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box, all >= 0: how a box around a state has grown."""
+    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box: how a box around a state has grown."""
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
     rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push

@@ -10,7 +10,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 
 
 def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """The maximum of `values` over x +- E, and over how far that reaches past unsafe ends: the set shrunk by E."""
+    """The maximum over x +- E, and over how far that reaches past unsafe ends: the set shrunk by E."""
     axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
     if not box.any():
@@ -24,7 +24,7 @@ def eroded_by_error(problem: ReachAvoidProblem, values: FloatArray, axes: Sequen
 
 
 def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray:
-    """Level-set function, (*shape), of where an interval must lead for the controller's point to be in a set."""
+    """Level-set function of where an interval must lead for the controller's point to be in a set."""
     # with memory that point is carried on, and this stands for E; else it is a prediction, within E of the state
     grown = problem.half_widths[1]
     if not problem.sensing.remembers:
@@ -36,7 +36,7 @@ def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray
 
 
 def largest_in_error_box(problem: ReachAvoidProblem, values: FloatArray, points: FloatArray) -> FloatArray:
-    """The largest value of an interpolated grid function over x +- E, clipped at walls, for points (M, ndim): (M,)."""
+    """The largest interpolated value over x +- E, clipped at walls, for points (M, ndim): (M,)."""
     grid, columns = problem.grid, []
     if not problem.half_widths[0].any():
         return grid.interpolate(values, points)

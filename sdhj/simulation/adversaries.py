@@ -28,8 +28,7 @@ class Moment:
     """An adversary's view of M simultaneous runs at the start of a substep.
 
     An adversary of your own is a function of a `Moment` that returns the disturbance (M, D) of each run during the
-    substep, between -`bounds` and `bounds` (M, D); it is given to `sdhj.simulate` or `sdhj.monte_carlo`, which raise
-    ValueError where it exceeds them.
+    substep, between -`bounds` and `bounds`; it is given to `sdhj.simulate` or `sdhj.monte_carlo`.
 
     Attributes
     ----------
@@ -37,20 +36,19 @@ class Moment:
     states : (M, ndim) array
         The current state of each run.
     inputs, steps_to_go : (M,) int arrays
-        The index in problem.inputs of the input that each robot holds over the interval, and the steps to go at its
-        start.
+        The input that each robot holds over the interval, by index, and the steps to go at its start.
     step, substep : int
-        The step k of the interval, and the substep that begins, from 0 on.
+        k, and the substep that begins, from 0 on.
     time, remaining, duration : float
-        The current time, the time left until the interval's end, and the length of the substep, s.
+        Now, until the interval's end, and of the substep, s.
     previous : (M, D) array
-        The disturbance in the previous substep; zeros at the start of an interval.
+        The disturbance in the previous substep.
     runs : (M,) int array
-        The number of the run that each row belongs to; runs that have ended have no row.
+        The number of each row's run.
     tube : callable (points (M, V, ndim)) -> (M, V)
-        Level-set value, at V states for each run, of the tube that has to hold the state at the interval's end.
+        Level-set values of the tube that has to hold the state at the interval's end.
     rng : numpy.random.Generator
-        The only source of random numbers, so that runs with the same seed are identical.
+        The only source of random numbers.
 
     Examples
     --------
@@ -83,15 +81,15 @@ class Moment:
 
     @property
     def bounds(self) -> FloatArray:
-        """Half-widths of the box of admissible disturbances v, under the input of each run, now: (M, D)."""
+        """Half-widths of the box of v, under the input of each run, now: (M, D)."""
         return self.interval.bounds(self.inputs, self.time)
 
     def gain(self, states: FloatArray) -> FloatArray:
-        """The matrices (M, ndim, D) from v to velocity at states (M, ndim), under the input of each run, now."""
+        """The matrices (M, ndim, D) from v to velocity, under the input of each run, now."""
         return self.interval.gain(states, self.inputs, self.time)
 
     def predicted(self) -> FloatArray:
-        """Where the state would be at the interval's end with v = 0 and the present velocity: (M, ndim), new."""
+        """Where the state would be at the interval's end with v = 0 and the present velocity: (M, ndim)."""
         return self.states + self.remaining * self.interval.undisturbed(self.states, self.inputs, self.time)
 
 
@@ -110,7 +108,7 @@ def first_moment(
     rng: np.random.Generator,
     left: FloatArray | None = None,  # the steps to go of the tube that has to hold the state at the end
 ) -> Moment:
-    """The moment at which an interval of M runs begins, for the adversary, with v = 0 before."""
+    """The moment at which an interval of M runs begins, with v = 0 before."""
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.has_no_target else np.maximum(to_go, 1) - 1
     times = now, problem.delta, problem.delta / SUBSTEPS  # now, until the end of the interval, and of a substep
@@ -124,7 +122,7 @@ def none(moment: Moment) -> FloatArray:
 
 
 def random(moment: Moment) -> FloatArray:
-    """A disturbance drawn uniformly from its box at each sampling time, held over the interval (Sec. 5.5): (M, D)."""
+    """A disturbance drawn uniformly at each sampling time, held over the interval (Sec. 5.5): (M, D)."""
     if moment.substep > 0:
         # the box may shrink within the interval
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
@@ -132,7 +130,7 @@ def random(moment: Moment) -> FloatArray:
 
 
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
-    """[g, change_1, ..., change_D], (M,) each: an unsafe set's level at states, and what each push[:, :, d] adds to it.
+    """[g, change_1, ..., change_D], (M,) each: an unsafe set's level, and what each push[:, :, d] adds to it.
 
     The level is inf for runs under whose input the set is not unsafe.
     """
@@ -163,7 +161,7 @@ def worst(moment: Moment) -> FloatArray:
     """The vertex of the box of v that, held until the interval's end, is worst for the robot: (M, D).
 
     It maximises, to first order in v, the larger of the tube's level there and of the negative least level of the
-    unsafe sets; of equals it is that of the least clearance, and of these the first.
+    unsafe sets; of equals it is that of the least clearance.
     """
     predicted, bounds, end = moment.predicted(), moment.bounds, moment.time + moment.remaining
     push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
@@ -178,7 +176,7 @@ def worst(moment: Moment) -> FloatArray:
 
 
 def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
-    """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,)."""
+    """The least of the unsafe sets' level-set values and of the distances to unsafe ends: (M,)."""
     grid = problem.grid
     low, high = grid.faces("fails")
     ends = np.minimum(states - low, high - states).min(axis=1)
@@ -204,9 +202,9 @@ def greedy(moment: Moment) -> FloatArray:
 
 
 def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
-    """value +- each of D changes, which have its shape, in all combinations: (2^D, *value.shape), new.
+    """value +- each of D changes of its shape, in all combinations: (2^D, *value.shape), new.
 
-    The first is all minus; the sign of the last change alternates fastest.
+    The first is all minus; the last sign alternates fastest.
     """
     out = value[None]
     for change in changes:
@@ -219,28 +217,27 @@ def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Sight:
-    """An adversary's view before it chooses the measurement errors of M runs, between -box and box.
-
-    An adversary with a method `mislead` is given one, and returns the errors (M, ndim).
+    """What an adversary's method `mislead` sees before it returns the measurement errors (M, ndim), between -box and
+    box.
 
     Attributes
     ----------
     problem : ReachAvoidProblem
-        The robot's problem, with the sensing that is simulated.
+        With the sensing that is simulated.
     states : (M, ndim) array
-        The true state of each run when it is measured.
+        When they are measured.
     box : (ndim,) array
         The bounds on the measurement error.
     step : int
-        k, for which the measurement is, at most N - 1.
+        k, at most N - 1.
     starting : (M, ndim) array
         Each state when the next input starts, without a disturbance.
     ask : callable
-        ask(errors (M, ndim)) returns the inputs, by index, that the controller would choose with these errors, and the
-        steps to go, both (M,) int; -1 for no answer.
+        ask(errors (M, ndim)) returns the inputs that the controller would choose with these errors, by index, and the
+        steps to go, both (M,); -1 for none.
     tube : callable
-        tube(points (M, ndim), left (M,) int) returns level-set values (M,), one step later, of the tube of predictions
-        with so many steps to go.
+        tube(points (M, ndim), left (M,)) returns level-set values (M,), one step later, of the tube with so many steps
+        to go.
     rng : numpy.random.Generator
         The only source of random numbers.
     """
@@ -258,7 +255,7 @@ class Sight:
 def states_under_vertices(
     seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray
 ) -> FloatArray:
-    """Where states are after time spans (M,) at each vertex of the disturbance box, to first order: (2^D, M, ndim)."""
+    """Where states are after time spans (M,) at each vertex of the box of v, to first order: (2^D, M, ndim)."""
     interval = seen.problem.interval(seen.step)
     push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
     return at_vertices(states + span[:, None] * interval.undisturbed(states, inputs, t), np.moveaxis(push, 2, 0))
@@ -267,7 +264,7 @@ def states_under_vertices(
 def mislead_worst(sight: Sight) -> FloatArray:
     """The measurement errors (M, ndim), 0 or a vertex of the box, for which the controller's input is worst.
 
-    Worst is no input, or else the one under which the tube's value at the interval's end is largest, at the worst v.
+    Worst is no input, or else that of the largest value of the tube at the interval's end, at the worst v.
     """
     problem, count = sight.problem, len(sight.states)
     vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
@@ -287,7 +284,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
 def shift_worst(moment: Moment) -> FloatArray:
     """-1, 0 or 1 for each run, (M,): the end of the interval, early, on time or late, that is worst for the robot.
 
-    At that end the tube's value, at the worst vertex of the disturbance box, is largest; of equals it is the earliest.
+    There the tube's value, at the worst vertex of the box of v, is largest; of equals it is the earliest.
     """
     scores = []
     for late in (-1, 0, 1):
@@ -302,7 +299,7 @@ def shift_worst(moment: Moment) -> FloatArray:
 
 @dataclass(frozen=True)
 class BuiltIn:
-    """An adversary that has a name, with its three choices; without a `Sensing` only the first is asked."""
+    """An adversary that has a name, with its three choices."""
 
     name: str
     push: Adversary
@@ -310,7 +307,7 @@ class BuiltIn:
     shift: Callable[[Moment], FloatArray]  # -1, 0 or 1, (M,): the next input starts early, on time or late
 
     def __call__(self, moment: Moment) -> FloatArray:
-        """The disturbances (M, D) of M runs at a moment: those of `push`."""
+        """The disturbances (M, D) of M runs at a moment."""
         return self.push(moment)
 
 

@@ -28,16 +28,15 @@ DRAWN = 256  # start states drawn; the first one outside the target is used
 class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     """A Gymnasium environment whose episode is one run of the robot, with one action for each sampling interval.
 
-    The observation is the state (periodic coordinates wrapped into the grid) followed by the step; where the table was
-    solved with `Sensing`, in place of the state what `Controller.step` takes it to be when the next input starts, a
-    prediction or, where the controller remembers, the point that it carries on. An action is an index into
-    problem.inputs. An episode terminates when the run reaches the target at a sampling time (reward 1),
-    collides or leaves the grid (reward -1), as in `sdhj.simulate`, and is truncated after the last step (reward 0).
+    The observation is the state (periodic coordinates wrapped into the grid), with `Sensing` the `point` of
+    `Controller.step`, followed by the step. An action is an index into problem.inputs. An episode terminates when the
+    run reaches the target at a sampling time (reward 1), collides or leaves the grid (reward -1), as in
+    `sdhj.simulate`, and is truncated after the last step (reward 0).
 
     `info` has "outcome": "reached", "collided", "off the grid" or "late", or "" while the run goes on; "action_mask",
-    (L,) int8: 1 for what the filter passes on, for the fallback alone where that is nothing, for all when the run is
-    over; and "promised": whether some safe input has a margin <= 0. After a step it also has "applied", the index of
-    the input that was applied, and "overruled", whether that differs from the action.
+    (L,) int8: 1 for what the filter passes on, else for the fallback alone, for all when the run is over; "promised":
+    whether some safe input has a margin <= 0. After a step also "applied", the index of the input that was applied, and
+    "overruled", whether that differs from the action.
 
     Parameters
     ----------
@@ -45,7 +44,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     adversary
         As for `sdhj.simulate`.
     shield : bool
-        Whether `Controller.filter` replaces actions that it does not let pass; if False, all are applied as they are.
+        Whether `Controller.filter` replaces actions that it does not let pass.
 
     Attributes
     ----------
@@ -53,14 +52,9 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     now : int
         The step of the run.
     outcome : str
-        As in `info`; not "" before the first `reset`.
+        As in `info`.
     runs : Runs
-        The run, a batch of one; made by `reset`.
-
-    Raises
-    ------
-    ValueError
-        If `table` is not a table, or `adversary` is not an adversary.
+        A batch of one.
 
     Examples
     --------
@@ -109,8 +103,8 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Simulate one interval with the input of index `action` against the adversary; after `reset`.
 
-        Returns the observation (ndim + 1,), the reward, whether the run terminated or was truncated, and `info`.
-        ValueError if `action` is not an index into problem.inputs, or the run is over.
+        Returns observation (ndim + 1,), reward, whether the run terminated or was truncated, and `info`. ValueError if
+        `action` is no index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")
@@ -130,12 +124,12 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return self._observed(), REWARDS[self.outcome], finished and not late, late, info
 
     def _observed(self) -> FloatArray:
-        """The observation (ndim + 1,): what is known of the state, wrapped and clipped to the grid, and the step."""
+        """What is known of the state, wrapped and clipped to the grid, and the step: (ndim + 1,)."""
         state = self.table.grid.wrapped(self.runs.predictions)[0]
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 
     def _info(self) -> dict[str, Any]:
-        """The entries "outcome", "action_mask" and "promised" of `info`, as the class describes them."""
+        """The entries "outcome", "action_mask" and "promised" of `info`."""
         mask = np.ones(len(self.table.problem.inputs), np.int8)
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}

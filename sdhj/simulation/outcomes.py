@@ -35,8 +35,8 @@ def play_interval(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """States (M, ndim), outcomes (M,) and last disturbances (M, D) of M runs after some substeps of an interval.
 
-    Outcomes are `COLLIDED`, `OFF`, past a safe end without a target `REACHED`, or `UNDECIDED`, the first that applies;
-    runs that are decided go on until all are, but stop off the grid, where no velocity is known.
+    Outcomes are `COLLIDED`, `OFF`, past a safe end without a target `REACHED`, or `UNDECIDED`; runs that are decided go
+    on until all are, but stop off the grid, where no velocity is known.
     """
     problem, inputs = first.problem, first.inputs
     # adversaries only read
@@ -81,7 +81,7 @@ def play_interval(
 
 
 def _fast_sets(first: Moment) -> list[UnsafeSet]:
-    """The unsafe sets of a problem that may pass a state between two substeps, unseen at both.
+    """The unsafe sets that may pass a state between two substeps, unseen at both.
 
     In a substep g changes by more than `FAST` of max -g, or none of the random states looked at is in the set.
     """
@@ -104,7 +104,7 @@ def _fast_sets(first: Moment) -> list[UnsafeSet]:
 def _near(
     first: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
-    """Which of M runs, of those `asked`, an unsafe set may come to in so many substeps from t, by bounds: (M,) bool."""
+    """Which of M runs, of those `asked`, an unsafe set may come to in so many substeps, by bounds: (M,) bool."""
     # by default of the runs under whose inputs the set is unsafe
     found = unsafe_set.counts(first.inputs) if asked is None else asked.copy()
     far, some = first.duration * substeps * first.interval.speeds, np.flatnonzero(found)
@@ -117,7 +117,7 @@ def _near(
 def _may_meet(
     problem: ReachAvoidProblem, unsafe_set: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool."""
+    """Whether bounds leave open that a set is met in the boxes from points to points + moved: (M,) bool."""
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
     low, high = start + np.minimum(by, 0.0), start + np.maximum(by, 0.0)
@@ -139,9 +139,9 @@ def _least_between(
     h: float,
     halvings: int = HALVINGS,
 ) -> FloatArray:
-    """The least g found on the straight ways from points at t to points + moved at t + h: (M,), inf where none is.
+    """The least g found on the straight ways from points at t to points + moved at t + h: (M,).
 
-    Ways are halved, `halvings` times at most, while bounds leave open whether the set is met.
+    Ways are halved while bounds leave open whether the set is met.
     """
     out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, unsafe_set, points, moved, (t, t + h)))
     if halvings and left.size:
@@ -155,7 +155,7 @@ def _least_between(
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
-    """A copy of the v (M, D) that an adversary returned; ValueError unless |v| <= bounds, up to rounding."""
+    """A copy of the v (M, D) of an adversary; ValueError unless |v| <= bounds, up to rounding."""
     v = real_array("what the adversary returns", v)  # a copy: it is read again
     if v.shape != bounds.shape:
         raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")

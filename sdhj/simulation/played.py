@@ -43,17 +43,16 @@ class Played:
     Attributes
     ----------
     runs, lost : int
-        How many were simulated, and how many of them did not end as "reached".
+        How many were simulated, and did not end as "reached".
     adversary : str
         Its name.
     ways : mapping of str to int
-        How many runs were lost in each way, the most frequent first; a way names the outcome, and the unsafe set, or
-        the axis whose end was crossed.
+        How many were lost in each way, the most frequent first: an outcome, with the unsafe set, or the axis whose end
+        was crossed.
     outside, outside_lost : int
-        How many runs began outside the target, so that anything had to be done (all without a target), and how many of
-        these were lost.
+        How many began outside the target (all without one), and how many of these were lost.
     advice : str
-        What would reduce the losses, in sentences; "" where no run was lost.
+        What would reduce the losses, in sentences.
     """
 
     runs: int
@@ -79,7 +78,7 @@ class Played:
         return str(self.finding(""))
 
     def finding(self, opening: str) -> Finding:
-        """The finding on the share of runs that is lost: a sentence that begins with `opening`, and the advice."""
+        """The finding on the share of lost runs: a sentence that begins with `opening`, and the advice."""
         low, high = self.interval
         message = f"{opening}{self.lost} of {self.runs} runs lost to adversary {self.adversary}"
         message += f" ({low:.1%} to {high:.1%})"
@@ -92,7 +91,7 @@ class Played:
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
-    """`sdhj.table.batches.Table.played`, which explains arguments and errors, as a function of the table."""
+    """`Table.played` as a function of the table."""
     controller, play = Controller(table), adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     return _played(controller, admissible_states(controller, runs, rng), play, rng, steps)
@@ -101,7 +100,7 @@ def played(
 def _played(
     controller: Controller, starts: FloatArray, play: Adversary, rng: np.random.Generator, steps: int | None = None
 ) -> Played:
-    """Simulate a run of a controller from each of some states (M, ndim) at step 0, M > 0, and count what is lost."""
+    """Simulate a run from each of some states (M, ndim) at step 0, and count what is lost."""
     table, runs = controller.table, len(starts)
     places: dict[int, str] = {}  # by run: the set that it first touches, or the axis past whose end it leaves
 
@@ -127,7 +126,7 @@ def _played(
 
 
 def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
-    """The name of the unsafe set that a run has met, under input j, or of the axis past whose end it has left."""
+    """The unsafe set that a run has met, under input j, or the axis past whose end it has left."""
     problem, grid = table.problem, table.grid
     if met:
         inside = grid.clipped(state[None], "frees")
@@ -138,7 +137,7 @@ def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: i
 
 
 def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatArray) -> str:
-    """What helps where a share of the runs is lost in these ways; outside : starts (M, ndim) whose runs may be lost."""
+    """What helps where a share of the runs, among those from `outside` (M, ndim), is lost in these ways."""
     problem, grid = table.problem, table.grid
     if len(outside) >= FEW_OUTSIDE and not target_reachable_in_a_step(problem, outside):
         return HOPELESS
@@ -155,7 +154,7 @@ def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatA
 
 
 def check_by_runs(table: Table) -> dict[str, Any]:
-    """Warn of an empty tube or broken promises of a solved table; returns {'played': counts} for its details, or {}."""
+    """Warn of an empty tube or broken promises of a solved table; {'played': counts} for its details, or {}."""
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
         tell(empty_finding(table, share))
@@ -183,7 +182,7 @@ def check_by_runs(table: Table) -> dict[str, Any]:
 def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
     """Counts of runs of a table without a target against a greedy adversary, with a warning of what is lost.
 
-    Half of the runs begin within a cell of the boundary, where errors of a grid add up from step to step.
+    Half of them begin within a cell of the boundary, where errors of a grid add up from step to step.
     """
     controller, rng, play = Controller(table), np.random.default_rng(0), ADVERSARIES["greedy"]
     half = -(-runs // 2)
@@ -202,7 +201,7 @@ def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
 
 
 def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -> FloatArray:
-    """Up to `count` states (M, ndim), maybe 0, of the tube of all steps from which a cell along an axis leads out."""
+    """Up to `count` states (M, ndim) of the tube of all steps from which a cell along an axis leads out."""
     grid, steps = table.grid, table.steps
     states = rng.uniform(grid.lower, grid.upper, (BESIDE_DRAWN, grid.ndim))
     states = states[table.contains(states, start=0, within=steps)]

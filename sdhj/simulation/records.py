@@ -60,19 +60,18 @@ class RecordedBounds:
     Attributes
     ----------
     bounds : (D,) array
-        For `Dynamics(bounds=...)`: above the bounds of the disturbance, with the stated confidence.
+        For `Dynamics(bounds=...)`, with the stated confidence.
     least : (D,) array
-        What no measurement error explains: the bounds are at least this.
+        What no measurement error explains.
     peaks : (n, D) array
         The largest push of each record.
     error : (ndim,) array
-        For `Sensing(error=...)`: as given, or above the error of a measurement with the stated confidence.
+        For `Sensing(error=...)`: as given, or found.
     unexplained : (ndim,) array
-        The most by which a state was elsewhere than any push and measurement error can bring it: where this is not 0,
-        the model lacks something, or the error is larger.
+        How far a state was from where any push and error can bring it: if not 0, the model lacks something, or the
+        error is larger.
     exceeding : float
-        With the stated confidence, the most that the probability can be of a further record, drawn alike, in which a
-        push is larger than all of `peaks`.
+        The most that the probability can be of a further record in which a push is larger than all of `peaks`.
     confidence : float
     names : tuple of str
         Of the axes.
@@ -119,46 +118,30 @@ def bounds_from_records(
     problem : ReachAvoidProblem
         The model; its bounds and its sensing play no part.
     records : sequence of (T, 1 + ndim + m) array, or of paths to CSV files
-        Time (s), measured state and input in each row, sampled as it was; the input is the one that acted from this row
-        to the next. A file has a line with names first. At least two, drawn independently and alike.
+        Time (s), measured state, and the input that acted until the next row. A file has a line with names first. At
+        least two, drawn independently and alike.
     error : float, or one for each axis
-        The measurement error, if it is known.
+        Of measurement, if it is known.
     rest : (T, 1 + ndim, ...) array, or a path
-        In place of `error`: a record of the robot at rest. Half of what a coordinate ranges over is its error.
+        In place of `error`: a record of the robot at rest; half of what a coordinate ranges over is its error.
     better : sequence as `records`
-        In place of `error`: a better sensor's records, at the same times. How far the records are from them is the
-        error, and the pushes are those of the better states.
+        In place of `error`: a better sensor's records, at the same times, whose distance is the error and whose pushes
+        count.
     confidence : float
-        With which all bounds that are found hold together, above 0 and below 1.
-
-    Returns
-    -------
-    RecordedBounds
-        Bounds of the disturbance and of the measurement error, and what the model does not explain.
+        With which all bounds hold together, above 0 and below 1.
 
     Raises
     ------
     ValueError
-        If an argument does not fit, if not just one of error, rest and better is given, if v does not enter the
-        velocity linearly, if a recorded input is none of the problem's, or if nothing in the records tells a component
-        of v from the others.
+        If not just one of error, rest and better is given, v does not enter the velocity linearly, a recorded input is
+        none of the problem's, or nothing tells a component of v from the others.
     OSError
         If a file cannot be read.
 
     Examples
     --------
-    A robot on a line is told to move at 1 m/s, ten times for one second, in a wind that is new in each tenth:
+    With the robot on a line of `help(sdhj)`, ten times at 1 m/s for a second, in a wind that is new in each tenth:
 
-    >>> import numpy as np
-    >>> import sdhj
-    >>> problem = sdhj.ReachAvoidProblem(
-    ...     grid=sdhj.Grid([-4.0], [4.0], [81]),
-    ...     dynamics=sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.0]),
-    ...     target=sdhj.TargetSet((0,), lambda points, t: abs(points[:, 0]) - 1.0),
-    ...     unsafe=[],
-    ...     delta=0.1,
-    ...     steps=5,
-    ... )
     >>> rng = np.random.default_rng(0)
     >>> t, wind = np.arange(11) / 10, rng.uniform(-0.2, 0.2, (10, 10))
     >>> ways = np.hstack([np.zeros((10, 1)), np.cumsum(0.1 * (1.0 + wind), axis=1)])
@@ -202,8 +185,7 @@ def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
 def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
     """The most that the probability can be, with a confidence, that another record exceeds all of `count`.
 
-    It is the eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, n = count, m = quantities; 1 if n <=
-    m.
+    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, n = count, m = quantities.
     """
     count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
     low, high = 0.0, 1.0
@@ -236,7 +218,7 @@ def _measured(
 def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
     """Upper bounds (m,) on m quantities, each exceeded with probability `miss`, from n >= 2 recorded values (n, m).
 
-    They are x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), for the largest x_1 >= x_2 >= ... and k = min(`LARGEST`, n).
+    x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), x_1 >= x_2 >= ... the largest, k = min(`LARGEST`, n).
     """
     ordered = np.sort(values, axis=0)
     k = min(LARGEST, len(values))
@@ -244,7 +226,7 @@ def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
 
 
 def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
-    """A record as float64 (T, columns, or more if `wider`), from an array or a CSV file with names first."""
+    """A record as float64 (T, columns, or more if `wider`), from an array or a CSV file."""
     if isinstance(given, str | os.PathLike):
         given, name = np.loadtxt(given, delimiter=",", skiprows=1, ndmin=2), str(given)
     table = finite_array(name, given)
@@ -258,7 +240,7 @@ def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatAr
 
 
 def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
-    """one - other for states (M, ndim) each, on a periodic axis at most half a turn in magnitude: (M, ndim)."""
+    """one - other for states (M, ndim), on a periodic axis at most half a turn: (M, ndim)."""
     grid, off = problem.grid, one - other
     turn = np.where(grid.periodic, np.array(grid.upper) - grid.lower, np.inf)
     return off - np.where(grid.periodic, turn, 0.0) * np.round(off / turn)
@@ -269,8 +251,7 @@ def _pushes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of all samples |v| (T, D), how much errors may have changed it (T, D), and what no push explains (T, ndim).
 
-    It solves y_{i+1} = flow(y_i, u_i, v; dt) by Newton's method with the pseudoinverse B^+ of the gain; errors may
-    change it by |B^+| (e + w(dt)) / dt.
+    By Newton's method with the pseudoinverse B^+ of the gain; errors may change it by |B^+| (e + w(dt)) / dt.
     """
     ndim, D = problem.grid.ndim, problem.dynamics.disturbance_dim
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
@@ -298,7 +279,7 @@ def _pushes(
 
 
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
-    """The index (T,) of the problem's input that each recorded input (T, m) is; ValueError for one that is none."""
+    """The index (T,) of the problem's input that each recorded input (T, m) is."""
     distances = np.abs(given[:, None] - problem.inputs).max(axis=2)
     if (odd := distances.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
         raise ValueError(
@@ -311,7 +292,7 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
 def _flow(
     interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
 ) -> FloatArray:
-    """Where the model leads from states (M, ndim) at time t, s, after the durations spans (M, 1), s: (M, ndim)."""
+    """Where the model leads from states at time t, s, after durations (M, 1), s: (M, ndim)."""
     ends = states.copy()
     rounded = np.round(spans[:, 0] / SAME_SPAN) * SAME_SPAN
     for span in np.unique(rounded):

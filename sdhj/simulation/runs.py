@@ -54,12 +54,11 @@ class Trajectory:
     states : (T, ndim) array
         Coordinates of periodic axes are not wrapped, so the path has no jumps.
     inputs, steps_to_go : (K,) int array
-        Index into problem.inputs of the input held over each of the K intervals that began, and the steps to go then.
+        The input held over each of the K intervals, by index, and the steps to go then.
     disturbances : (T - 1, D) array
-        The adversary's choice between one instant and the next.
+        Between one instant and the next.
     outcome : {"reached", "collided", "left", "late", "off the grid"}
-        "reached": in the target at a sampling time; "collided": in an unsafe set before that; "left": at a sampling
-        time in no tube; "late": none of these by the last step; "off the grid": past an end of the grid.
+        As `sdhj.simulation.runs` says.
     """
 
     times: FloatArray
@@ -81,8 +80,7 @@ class Trajectory:
 def score_interval(count: int, runs: int) -> tuple[float, float]:
     """95% confidence interval of a rate observed as `count` out of `runs` >= 1: Wilson's score interval.
 
-    With p = count / n and z = `Z95`: (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), clipped to
-    [0, 1].
+    (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), p = count / n and z = `Z95`.
     """
     n, p = runs, count / runs
     centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
@@ -97,25 +95,25 @@ def outcome_name(outcome: str, has_no_target: bool) -> str:
 
 @dataclass(frozen=True)
 class Report:
-    """The outcomes of many simulated runs; `str()` formats them as a table. Returned by `monte_carlo`.
+    """The outcomes of many simulated runs, of `monte_carlo`; `str()` formats them as a table.
 
     Attributes
     ----------
     runs, seed : int
         As given.
     adversary, rule, method : str
-        Their names; `method` is that of the table.
+        Their names.
     counts : mapping of outcome to int
-        How many runs had each outcome; see `Trajectory`.
+        Of `Trajectory`.
     starts : (runs, ndim) array
     outcomes : (runs,) int array
         Indices into `OUTCOMES`.
     steps : (runs,) int array
-        The number of intervals of each run.
+        Intervals of each run.
     seconds : float
         Wall-clock time.
     has_no_target : bool
-        Whether there is no target, so that a run that has "reached" has stayed clear.
+        Whether "reached" means to have stayed clear.
     """
 
     runs: int
@@ -140,12 +138,7 @@ class Report:
         Parameters
         ----------
         outcome : str
-            A key of `counts`: "reached", "collided", "left", "late", "off the grid".
-
-        Raises
-        ------
-        KeyError
-            If the outcome is none of these.
+            A key of `counts`, else KeyError.
 
         Examples
         --------
@@ -157,21 +150,12 @@ class Report:
         return self.counts[outcome] / self.runs
 
     def interval(self, outcome: str) -> tuple[float, float]:
-        """95% confidence interval of the rate of an outcome (Wilson's score interval).
+        """95% confidence interval of the rate of an outcome, from 0 to 1 (Wilson's score interval).
 
         Parameters
         ----------
         outcome : str
             As for `rate`.
-
-        Returns
-        -------
-        (float, float), each from 0 to 1
-
-        Raises
-        ------
-        KeyError
-            If it is no outcome.
 
         Examples
         --------
@@ -214,27 +198,23 @@ def simulate(
     q0 : (ndim,) array
         The true state at step 0.
     adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        Who chooses the D components of the disturbance, at each of 20 substeps of an interval. "worst" takes the corner
-        of its box that leads farthest out of the tube by the interval's end, "greedy" the one that comes nearest to
-        what must not be touched until then, "aggressive" the one that brings an unsafe set nearer fastest; "random"
-        draws one for each interval. For a function of your own see `sdhj.simulation.adversaries`.
+        Who chooses the disturbance, at each of 20 substeps of an interval. "worst" takes the corner of its box that
+        leads farthest out of the tube by the interval's end, "greedy" the one that comes nearest to what is unsafe
+        until then, "aggressive" the one that brings an unsafe set nearer fastest; "random" draws one for each interval.
+        For your own see `Moment`.
     seed : int
-        Of the random numbers: the same seed gives the same run.
+        The same seed gives the same run.
     steps : int, optional
-        How many steps to simulate, if nothing depends on time: all of them then use the tubes of step 0. By default the
-        steps of the table, or `FOREVER_PLAYED` = 100 for a table that stays clear for ever.
-
-    Returns
-    -------
-    Trajectory
+        How many steps to simulate with the tubes of step 0, if nothing depends on time. By default the steps of the
+        table, or `FOREVER_PLAYED` = 100 for a table that stays clear for ever.
 
     Raises
     ------
     NotAdmissible
         If q0 is in no tube.
     ValueError
-        If q0 is not a state, the adversary is unknown or returns v outside its bounds, or `steps` is given although
-        something depends on time.
+        If the adversary is unknown or returns v outside its bounds, or `steps` is given although something depends on
+        time.
 
     Examples
     --------
@@ -287,22 +267,18 @@ def monte_carlo(
     ----------
     controller, runs : Controller, int
     adversary, steps
-        As for `simulate`. A function of your own chooses the disturbances of M runs at once, in one thread only.
+        As for `simulate`; a function of your own runs in one thread.
     seed : int
-        The same seed gives the same report, whatever the number of threads.
+        The same seed gives the same report.
     sensing : Sensing
         The errors and delays to simulate; by default those that the table was solved for.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal.
-
-    Returns
-    -------
-    Report
+        By default where standard error is a terminal.
 
     Raises
     ------
     ValueError
-        If an option is invalid, an adversary exceeds its bounds, or no state can be drawn because the tube is empty.
+        If the tube is empty, or an adversary exceeds its bounds.
 
     Examples
     --------
@@ -358,14 +334,14 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
 
 
 def name_of(option: object) -> str:
-    """The name of an option: a text itself, else its `name`, its `__name__`, or the name of its class."""
+    """The name of an option: a text itself, else its `name`, its `__name__`, or that of its class."""
     if isinstance(option, str):
         return option
     return str(getattr(option, "name", getattr(option, "__name__", type(option).__name__)))
 
 
 def check_controller(given: Any) -> None:
-    """Raise ValueError if `given` is not a Controller, but a table for example."""
+    """Raise ValueError if `given` is not a Controller."""
     if not isinstance(given, Controller):
         raise ValueError(f"controller must be a Controller, for example Controller(table), got {type(given).__name__}")
 
@@ -383,8 +359,7 @@ def adversary_of(adversary: str | Adversary) -> Adversary:
 def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
     """States (count, ndim) drawn uniformly from the tube of all steps from step 0, by rejection.
 
-    They are outside the unsafe sets themselves, whatever the table says; with a `Sensing` admissible however they are
-    measured.
+    They are outside the unsafe sets themselves; with a `Sensing` admissible however they are measured.
     """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []

@@ -27,28 +27,25 @@ from sdhj.table.controller import Controller
 class Runs:
     """The closed loop of M robots: their states, outcomes and predictions, an interval at a time.
 
-    It begins where their first inputs start, at step 0. Then `simulate_interval` is called for number 0, 1, ..., last:
-    it ends the runs that are over and simulates one interval of the others. Whoever chooses inputs otherwise
-    (`ReachAvoidEnv`) calls `simulate_inputs` and then `end_reached` in its place. A run is over when its outcome is not
-    `UNDECIDED`; its entries then stay as they are.
+    It begins where their first inputs start, at step 0. Then `simulate_interval` is called for number 0, 1, ..., last;
+    whoever chooses inputs otherwise (`ReachAvoidEnv`) calls `simulate_inputs` and then `end_reached`. A run is over
+    when its outcome is not `UNDECIDED`.
 
     Attributes
     ----------
     states, predictions : (M, ndim) array
-        The true states when the next interval begins, and what the controllers take them to be then. Without a
-        `Sensing` it is one array.
+        When the next interval begins. Without a `Sensing` it is one array.
     outcomes : (M,) int array
-        Indices into `OUTCOMES`, or `UNDECIDED`. `LATE` is not set here.
+        Indices into `OUTCOMES`, or `UNDECIDED`; never `LATE`.
     intervals_played : (M,) int array
-        How many intervals have been simulated.
     previous_inputs : (M,) int array
-        The inputs of the last interval, by index; -1 before the first.
+        By index; -1 before the first.
     offsets : (M,) int array
         -1, 0 or 1: the next interval begins early, on time or late, by the jitter.
     problem : ReachAvoidProblem
-        The controller's, with the sensing that is simulated, which may be other than what the table was solved for.
+        The controller's, with the sensing that is simulated.
     mislead, shift : callable
-        The adversary's choices of errors and of times; those of "worst" if it has none.
+        Of the adversary, or those of "worst".
     """
 
     def __init__(
@@ -62,7 +59,7 @@ class Runs:
         first_tubes_only: bool,  # every step uses the tubes of step 0, as nothing depends on time
         controller_chooses: bool = True,  # else adversaries play against the tubes of all steps that are left
     ) -> None:
-        """Runs from starts (M, ndim), which are copied, and measured at once if there is a `Sensing`."""
+        """Runs from starts (M, ndim), copied, and measured at once if there is a `Sensing`."""
         self.controller_chooses, self.first_tubes_only = controller_chooses, first_tubes_only
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
@@ -92,7 +89,7 @@ class Runs:
     ) -> FloatArray:
         """The controllers' predictions (M, ndim) at a step, from measurements whose errors the adversary chooses.
 
-        `before` are the inputs held until the next ones start; `known` are the points that controllers carry, and their
+        `before` are the inputs held until the next ones start; `known` the points that controllers carry, and their
         step.
         """
         problem, begun = self.problem, box is not None
@@ -135,9 +132,9 @@ class Runs:
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def end_reached(self, number: int, last: bool) -> FloatArray:
-        """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns the others, (R,) int.
+        """End, as `REACHED`, the runs that are in the target at a sampling time; the others, (R,), are returned.
 
-        Without a target all that go on end so if this is the `last` sampling time, and none before.
+        Without a target all that go on end so at the `last` sampling time.
         """
         problem, alive, step = (
             self.problem,
@@ -154,9 +151,8 @@ class Runs:
         return alive[~reached]
 
     def simulate_interval(self, number: int, last: bool) -> None:
-        """End the runs that are over at sampling time `number`, and simulate the others for an interval.
-
-        At the `last` time nothing is simulated, and runs without a target have succeeded.
+        """End the runs that are over at a sampling time, and simulate the others, unless it is the `last`, for an
+        interval.
         """
         alive, step = self.end_reached(number, last), 0 if self.first_tubes_only else number
         if last or not alive.size:
@@ -167,7 +163,7 @@ class Runs:
         self.simulate_inputs(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
 
     def simulate_inputs(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
-        """Simulate the runs `rows` (R,) for an interval from sampling time `number`, under these inputs (R,) int."""
+        """Simulate the runs `rows` (R,) for an interval under these inputs (R,)."""
         problem = self.problem
         next_offsets: FloatArray = np.zeros(rows.size, np.int64)
         if problem.sensing and rows.size:  # the adversary says when the next inputs start
@@ -189,7 +185,7 @@ class Runs:
     ) -> None:
         """Simulate the runs `rows` for an interval that begins, and ends, at one time for all of them.
 
-        With a `Sensing` they are measured one delay before its end, and `predictions` are made of those that go on.
+        With a `Sensing` `predictions` are made of those that go on, measured one delay before its end.
         """
         sensing, begin, after = self.problem.sensing, self.begin_time(number, self.offsets[rows[0]]), 0
         begun = self.first_moment(number, begin, rows, inputs, to_go)
@@ -229,7 +225,7 @@ def rollouts(
     steps: int | None = None,  # all by the tubes of step 0; None: all steps of the problem in order
     sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Outcomes, indices into `OUTCOMES`, and numbers of intervals of a run from each start (M, ndim): (M,) int each."""
+    """Outcomes, indices into `OUTCOMES`, and numbers of intervals of a run from each start: (M,) each."""
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, first_tubes_only=steps is not None)
     for offset in np.unique(runs.offsets):

@@ -31,15 +31,12 @@ class Danger(NamedTuple):
 
     @property
     def game_axes(self) -> tuple[int, ...]:
-        """The axes of its samples' grid on which the game is played, ascending."""
+        """The axes of its samples' grid on which the game is played."""
         return self.samples.avoid_axes(self.unsafe_set.axes)
 
 
 def dangers(samples: Samples) -> list[Danger]:
-    """The avoid games of a problem: of each unsafe set, then of the unsafe ends of each axis that has them.
-
-    ValueError (`checked_travel`) where the state crosses too many cells in an interval towards an unsafe end.
-    """
+    """The avoid games of a problem: of each unsafe set, then of each axis with unsafe ends."""
     found = []
     for unsafe_set in samples.unsafe:
         axes = samples.avoid_axes(unsafe_set.axes)
@@ -51,8 +48,7 @@ def dangers(samples: Samples) -> list[Danger]:
 def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> FloatArray:
     """The avoid tubes of a danger over the interval from a step, > 0 in danger: (L, *subgrid), a view of `out`.
 
-    `games` are those of `danger.samples`, `out` (L, *grid of the game) is written over; -inf under inputs that do not
-    count.
+    `games` are those of `danger.samples`; -inf under inputs that do not count.
     """
     if hasattr(games, "grouped_reach_sets"):
         games.avoid(danger.unsafe_set, step, out)
@@ -63,7 +59,7 @@ def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> Fl
 
 
 def _ends_as_danger(samples: Samples, axis: int) -> Danger:
-    """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) on a wide grid."""
+    """The unsafe ends of an axis as a danger: g = min(x - low, high - x) on a wide grid."""
     whole, dynamics, timed = samples.grid, samples.dynamics, samples.dynamics.depends_on_time
     slack = SLACK * whole.spacing[axis]  # a state on the end, to rounding, is on the grid
     low, high = (float(face[axis]) for face in whole.faces("fails"))

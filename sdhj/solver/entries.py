@@ -80,7 +80,7 @@ ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that on
 
 
 class Part(NamedTuple):
-    """What is computed and written at a time; the avoid tubes of a step, an entry (also a goal), or a share of one."""
+    """What is computed and written at a time: the avoid tubes of a step, an entry (also a goal), or a share of one."""
 
     # "avoid_static", "avoid_moving", "entry" or "share": an entry by some inputs, which the entry's own part unites
     kind: str
@@ -101,7 +101,7 @@ def shares_of(entry: Part) -> list[Part]:
 
 
 class Folder:
-    """The folder of a table that is being solved, as one process sees it; what games sample stays with its `parts`."""
+    """The folder of a table that is being solved, as one process sees it."""
 
     def __init__(self, path: Path, problem: ReachAvoidProblem, method: GridMethod) -> None:
         self.path, self.parts = path, GridParts(problem, method, self.scratch)
@@ -122,7 +122,7 @@ class Folder:
             return np.asarray(np.memmap(stream, dtype, "r+", shape=tuple(shape)))
 
     def write(self, name: str, position: int, values: FloatArray) -> None:
-        """Write values to an array's file, `position` times as many from its first on, and flush them to the disk."""
+        """Write values to an array's file, `position` times as many from its first on, and flush them."""
         data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
         try:
             with open(self.file(name), "r+b", buffering=0) as out:
@@ -138,7 +138,7 @@ class Folder:
             ) from error
 
     def tube(self, place: int) -> FloatArray:
-        """The stored tube at a place, mapped: (*shape). It must not be written."""
+        """The stored tube at a place, mapped: nobody may write it."""
         shape, dtype = self.parts.problem.grid.shape, np.dtype(self.parts.dtype)
         offset = container.HEADER + place * math.prod(shape) * dtype.itemsize
         # what may not be written has another type, for which kernels would be compiled once more
@@ -146,7 +146,7 @@ class Folder:
 
     @cached_property
     def rows(self) -> InputRows:
-        """The avoid tubes, mapped, as entries are intersected with them; all of them have to be complete."""
+        """The avoid tubes, mapped, as entries are intersected with them; all have to be complete."""
         return InputRows(self.parts.problem.grid, self.avoid_tubes())
 
     def avoid_tubes(self) -> AvoidTubes:
@@ -161,7 +161,7 @@ class Folder:
     # ---- marks
 
     def mark(self, part: Part) -> dict[str, Any] | None:
-        """What the mark of a part tells; None if the part is not complete."""
+        """What the mark of a part tells; None if it is not complete."""
         try:
             found = json.loads((self.path / DONE / part.name).read_text())
             if part.kind not in self.parts.axes and not 0 <= found["place"] < self.parts.shape("tubes")[0]:
@@ -179,7 +179,7 @@ class Folder:
             temporary.write_text(json.dumps(told))
 
     def place(self, step: int, within: int) -> int:
-        """The place of the tube that a complete entry has; where nothing depends on time that of every step."""
+        """The place of the tube that a complete entry has."""
         told = self.mark(Part("entry", 0 if self.parts.problem.time_invariant else step, within))
         if told is None:
             raise TableFileError(f"the entry of step {step} within {within} is missing in {self.path}: solve it anew")
@@ -188,7 +188,7 @@ class Folder:
     # ---- parts
 
     def complete(self, part: Part) -> None:
-        """Compute, write and mark a part, unless it is complete; all that it follows from has to be."""
+        """Compute, write and mark a part, unless it is complete; what it follows from has to be."""
         if self.mark(part._replace(kind="entry") if part.kind == "share" else part) is not None:
             return
         solved = getattr(self.parts.games, "solved", 0)
@@ -202,7 +202,7 @@ class Folder:
                 (self.path / SHARES / share.name).unlink(missing_ok=True)
 
     def _avoid(self, part: Part) -> dict[str, Any]:
-        """Write the avoid tubes of a step; returns what its mark tells: the sets that are met, and the games' notes."""
+        """Write the avoid tubes of a step; what its mark tells: the sets that are met, and the games' notes."""
         shape = self.parts.shape(part.kind)[part.kind == "avoid_moving" :]
         met = self.parts.write_avoid(part.kind, part.step, out := self.scratch(shape, self.parts.dtype))
         self.write(part.kind, part.step, out)
@@ -264,7 +264,7 @@ class Folder:
 
     @cached_property
     def _unshared(self) -> FloatArray:
-        """Where the tube of each entry is written, if it has one of its own: (entries,) int64."""
+        """Where the tube of each entry is written, if it has one of its own: (entries,)."""
         return unshared_index(self.parts.problem)
 
     def own_place(self, part: Part) -> int:
@@ -282,7 +282,7 @@ class Folder:
 
     @property
     def places(self) -> FloatArray:
-        """The places of all entries, in the order of the table's index: (entries,); all entries have to be complete."""
+        """The places of all entries, which have to be complete, in the order of the table's index."""
         return np.array([self.place(*one) for one in entries(self.parts.problem.steps).tolist()])
 
     @property
@@ -292,7 +292,7 @@ class Folder:
         return int(file.read_text()) if file.exists() else 0
 
     def closed_up(self) -> FloatArray:
-        """The table's index (entries,) int64, after tubes behind entries that have none of their own were moved up."""
+        """The table's index, after tubes behind entries that have none of their own were moved up."""
         size, places = self.parts.shape("marks")[1:], self.places
         for number, place in enumerate(np.unique(places).tolist()):
             # each is flushed and noted before the next, so that this too goes on where it was stopped
@@ -305,7 +305,7 @@ class Folder:
         return np.searchsorted(np.unique(places), places).astype(np.int64)
 
     def goal(self, step: int) -> FloatArray:
-        """The entry (step, 0), which is complete, mapped: (*shape); also where tubes have been moved up."""
+        """The entry (step, 0), which is complete, mapped, also where tubes have been moved up."""
         place = self.place(step, 0)
         if moved := self.moved:
             number = int(np.searchsorted(np.unique(self.places), place))
@@ -347,7 +347,7 @@ class Folder:
 
 
 def completed_here(folder: Folder, rows: Iterable[list[Part]], needs: Any) -> Iterator[Part]:
-    """Complete parts in this process, one after the other, and yield each when it is."""
+    """Complete parts in this process, and yield each when it is."""
     for row in rows:
         for part in row:
             folder.complete(part)
@@ -369,10 +369,10 @@ def complete_alone(pickled: bytes, part: Part, *needed: Any) -> None:
 def completed_by(
     client: Any, folder: Folder, rows: Iterable[list[Part]], needs: Callable[[Part], list[Part]]
 ) -> Iterator[Part]:
-    """Have the workers of a Dask client complete parts, `IN_FLIGHT` rows at a time, and yield each when it is.
+    """Have the workers of a Dask client complete parts, `IN_FLIGHT` rows at a time, yielding each.
 
-    Parts go through Dask's scheduler, arrays through the folder, which every worker has to see under the same path. A
-    worker that dies leaves no mark, and another one gets its part; of an error what has not begun is cancelled.
+    Arrays go through the folder, which every worker has to see under the same path. A worker that dies leaves no mark,
+    and another one gets its part; of an error what has not begun is cancelled.
     """
     workers = list(client.scheduler_info()["workers"])
     given = folder.path, folder.parts.problem, folder.parts.method
@@ -416,7 +416,7 @@ def completed_by(
 
 
 def solve_stored(sets: GridSets, path: Named, resume: bool, client: Any, done: Callable[[], Any]) -> None:
-    """Solve into a folder, entry by entry, and call `done` after each with n >= 1; errors are those of `sdhj.solve`.
+    """Solve into a folder, entry by entry, and call `done` after each with n >= 1.
 
     Nothing of `sets` has been solved; `client` None is this process.
     """
@@ -484,10 +484,7 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
 
 
 def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
-    """The folder of a solve: new, or one that is there and goes on; memory and disk are looked at before.
-
-    The errors are those of `sdhj.solve`.
-    """
+    """The folder of a solve, new or one that goes on; memory and disk are looked at before."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     if not isinstance(resume, bool):
@@ -517,13 +514,13 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
 
 
 def head_of(sets: GridSets) -> dict[str, Any]:
-    """What begun.json has: the head of a table without details, and the method's options, as JSON gives it back."""
+    """What begun.json has: the head of a table without details, and the method's options."""
     head = make_head(sets.problem, sets.parts.method.name, {}, sets.problem.digest) | {"options": sets.options}
     return dict(json.loads(json.dumps(head)))
 
 
 def begin(folder: Folder, sets: GridSets) -> None:
-    """Make the folder of a new solve, empty arrays and begun.json, which appears when all of it is there."""
+    """Make the folder of a new solve: empty arrays, then begun.json."""
     path, parts = folder.path, folder.parts
     require_writable(path.parent)
     needed = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
@@ -553,7 +550,7 @@ def begin(folder: Folder, sets: GridSets) -> None:
 
 
 def check_begun(folder: Folder, sets: GridSets) -> None:
-    """Check that a folder was begun for this problem, method and version, before its solve goes on; TableFileError."""
+    """TableFileError unless a folder was begun for this problem, method and version."""
     try:
         head = json.loads((folder.path / BEGUN).read_text())
         checked = checked_head(head)
@@ -573,7 +570,7 @@ def check_begun(folder: Folder, sets: GridSets) -> None:
 
 
 def check_finished(folder: Folder, sets: GridSets) -> None:
-    """Check that a folder has the table of this problem by this method, with these options; TableFileError."""
+    """TableFileError unless a folder has the table of this problem by this method, with these options."""
     with opened_table(folder.path, check=False) as (head, file):
         options = {name: head["details"].get(name) for name in sets.options}
         now = head_of(sets)

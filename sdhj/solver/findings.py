@@ -57,7 +57,7 @@ RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer m
 
 
 def check_resolution(samples: Samples, most: float = math.inf) -> None:
-    """Warn of seams, and of unsafe sets that hide between nodes, for methods on the grid; of each set once.
+    """Warn of seams, and of unsafe sets that hide between nodes, for methods on the grid.
 
     Sets with sampling="cell", and those whose axes have more than `most` nodes, are not looked at. Sets that no node is
     in danger of have `never_met_finding`.
@@ -86,12 +86,12 @@ def check_sets(problem: ReachAvoidProblem) -> None:
 
 
 def _few_times(problem: ReachAvoidProblem, unsafe_set: UnsafeSet) -> list[float]:
-    """Times, s, at which a set is looked at closely, from 0 to the last step; 0 alone if it does not move."""
+    """Times, s, from 0 to the last step, at which a set is looked at closely; 0 alone if it does not move."""
     return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
 
 def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
-    """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
+    """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves."""
     problem = samples.problem
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     first, pieces = problem.span(0)[0], problem.grid.subgrid(unsafe_set.axes).pieces()
@@ -107,7 +107,7 @@ def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
 
 
 def _hidden(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:
-    """What `_hidden_finding` returns; kept with a formula for the next solve, of which the search is a twentieth."""
+    """What `_hidden_finding` returns, kept with a formula for the next solve, of which the search is a twentieth."""
     level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
     if isinstance(level_set, Formula):
         known = level_set.remembered("hidden", dict)
@@ -118,10 +118,9 @@ def _hidden(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED
 
 
 def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:
-    """The finding that part of an unsafe set lies between the nodes at time t; None where no such part is found.
+    """The finding that part of an unsafe set lies between the nodes at time t, and `so` what follows.
 
-    Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set. `so` says what
-    follows from it.
+    Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set.
     """
     grid, values = samples.grid.subgrid(unsafe_set.axes), samples.sample(unsafe_set, t)
     spacing = np.array(grid.spacing)
@@ -167,7 +166,7 @@ def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str =
 
 
 def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
-    """The finding that no node is in danger of an unsafe set under any input; the caller has found that none is."""
+    """The finding that no node is in danger of an unsafe set under any input, as the caller has found."""
     return Finding(
         f"no node is ever in danger of the unsafe set {unsafe_set.name!r}, so the table ignores it. ",
         0.0,
@@ -180,7 +179,7 @@ def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
 
 
 def check_seams(problem: ReachAvoidProblem) -> None:
-    """Warn of sets that are cut off, and of velocities that jump, where a periodic axis closes: of each one warning."""
+    """Warn of sets that are cut off, and of velocities that jump, where a periodic axis closes."""
     for part in problem.all_sets:
         tell(next(filter(None, (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving))), None))
     timed = problem.dynamics.depends_on_time
@@ -188,7 +187,7 @@ def check_seams(problem: ReachAvoidProblem) -> None:
 
 
 def _times(problem: ReachAvoidProblem, timed: bool) -> list[float]:
-    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `timed`."""
+    """At most `SPANS` + 1 times, s, from 0 to the last step; 0 alone if not `timed`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
 
@@ -197,7 +196,7 @@ def _times(problem: ReachAvoidProblem, timed: bool) -> list[float]:
 def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
     """For each periodic axis its number, points (M, ndim) just before its upper end, and the same at its lower end.
 
-    They are `most` random points, and all nodes of the seam if these are no more. Shared: they must not be written.
+    They are `most` random points, or all nodes of the seam; nobody may write them.
     """
     rng, found = np.random.default_rng(0), list[tuple[int, FloatArray, FloatArray]]()
     for axis in np.flatnonzero(grid.periodic).tolist():
@@ -216,7 +215,7 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 
 
 def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t: float) -> Finding | None:
-    """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not."""
+    """The finding that a set is cut off where a periodic axis closes, at time t."""
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
         first, last = np.split(part.level_set(np.concatenate([before, after]), t), 2)
@@ -238,7 +237,7 @@ def _cut_off_finding(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, t:
 
 
 def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | None:
-    """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None."""
+    """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t."""
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
         for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
@@ -274,8 +273,7 @@ def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
 def _wrong_sign_findings(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """Yield a finding where the target's level-set function may have the wrong sign.
 
-    So it may where the target fills more than half of its axes' grid, not all, and all nodes at the ends of bounded
-    axes.
+    It may where the target fills more than half of its axes' grid, not all, and all nodes at the ends of bounded axes.
     """
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.has_no_target or all(grid.periodic):
@@ -324,7 +322,7 @@ def _angle_findings(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
 
 
 def _greatest_speeds(problem: ReachAvoidProblem) -> FloatArray:
-    """The greatest speed along each axis at `_tried_states` under any input: (ndim,), in the axes' units per second."""
+    """The greatest speed along each axis at `_tried_states` under any input, per second: (ndim,)."""
     # if nothing depends on the state, one is enough
     states = _tried_states(problem)[: 1 if problem.dynamics.stateless else None]
     return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
@@ -359,7 +357,7 @@ def _tried_states(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _functions_reading(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the functions of states (M, ndim) that may depend on an axis: velocities (M, ndim), level sets (M,)."""
+    """Yield the functions of states that may depend on an axis: velocities (M, ndim), level sets (M,)."""
     if problem.dynamics.reads[:, axis].any():
         yield from _velocities(problem)
     for part in problem.all_sets:
@@ -368,7 +366,7 @@ def _functions_reading(problem: ReachAvoidProblem, axis: int) -> Iterator[Callab
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield for each input the velocity (M, ndim) of states at the first step, v being the upper vertex of its box."""
+    """Yield for each input the velocity (M, ndim) at the first step, v being the upper vertex of its box."""
     t, dynamics = problem.time(0), problem.dynamics
     for j in range(len(problem.inputs)):
         yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
@@ -383,7 +381,7 @@ def _level_set_values(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, s
 
 
 def empty_finding(table: Table, share: float) -> Finding:
-    """The finding on a tube with next to nothing, a `share` of the state space: a likely cause, and what helps."""
+    """The finding on a tube with a `share` of next to nothing: a likely cause, and what helps."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.has_no_target else ", no more than the target itself" if share else ""
@@ -418,8 +416,8 @@ def empty_finding(table: Table, share: float) -> Finding:
 def _costly_error(problem: ReachAvoidProblem) -> Finding | None:
     """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
 
-    It names the first axis along which 2 E, what the errors cost in an interval, is at least half of what the choice of
-    the input changes, without a disturbance, at random states.
+    It names the first axis along which 2 E is at least half of what the choice of the input changes, without a
+    disturbance, at random states.
     """
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.remembers:
@@ -441,7 +439,7 @@ def _costly_error(problem: ReachAvoidProblem) -> Finding | None:
 def target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     """Whether from any of these states (M, ndim) some input leads into the target in a step, by corners of the box.
 
-    A promise needs that, and more. Only as many states are looked at as have `MOST_CORNERS` numbers.
+    Only as many states are looked at as have `MOST_CORNERS` numbers.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
@@ -455,14 +453,14 @@ def target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -
 
 
 class _Gaps(NamedTuple):
-    """The gaps between pieces of a tube along one axis, the worst that were seen; both inf if there is none."""
+    """The worst gaps that were seen between pieces of a tube along one axis; inf if there is none."""
 
     push: float  # in the axis's unit: how far the disturbance pushes in an interval, at least
     width: float  # in the axis's unit: how wide the gaps are
 
 
 def gaps_advice(problem: ReachAvoidProblem, shifted: bool) -> str:
-    """Advice in sentences, if tubes may be separate pieces that the grid does not keep apart; else "".
+    """Advice if tubes may be separate pieces that the grid does not keep apart; else "".
 
     Where reach sets are not `shifted`, nor by a formula, more nodes are needed (`ENOUGH`).
     """
@@ -499,7 +497,7 @@ def gaps_advice(problem: ReachAvoidProblem, shifted: bool) -> str:
 
 
 def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
-    """The gaps at a step by the axis along which inputs move the target; {} if tubes are one piece, or few are seen.
+    """The gaps at a step by the axis along which inputs move the target.
 
     Looked for at random states in the middle of the target, between neighbouring displacements of the inputs
     (`_neighbouring_pairs`): of each axis the least push and a small width, the quantile `RARE`.
@@ -541,7 +539,7 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
 def _neighbouring_pairs(
     displacements: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pairs of neighbours among the K `displacements` (M, K, axes), in cells; at most `MOST_PAIRS`, drawn by `rng`.
+    """Pairs of neighbours among the K `displacements` (M, K, axes), in cells; at most `MOST_PAIRS`.
 
     Returns (pairs,) ints: states, and indices of the first and second displacement, which differ and of which no third
     is nearer to both than they are to each other (the relative neighbourhood graph, Toussaint 1980).
@@ -556,7 +554,7 @@ def _neighbouring_pairs(
 
 
 def _deepest_nodes(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
-    """The nodes of the target's subgrid that are as deep in the target as all neighbours: states (M, axes), M >= 0."""
+    """The nodes of the target's subgrid that are as deep in the target as all neighbours: (M, axes)."""
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values
     for axis in range(some.ndim):
@@ -566,7 +564,7 @@ def _deepest_nodes(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArr
 
 
 def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, way: FloatArray, t: float) -> FloatArray:
-    """How far the target continues from `centres` in it along `way`, both (M, axes), as a share of it, 0 to 1: (M,)."""
+    """How far the target continues from `centres` in it along `way`, both (M, axes), as a share of it: (M,)."""
     grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
     # taken to be linear between these points
     points = centres[:, None] + shares[:, None] * way[:, None]
@@ -581,7 +579,7 @@ def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, way: FloatArr
 
 
 def names_apart(problem: ReachAvoidProblem) -> list[str]:
-    """The names of the unsafe sets; with their number, from 1, where others have the same."""
+    """The names of the unsafe sets, with their number where others have the same."""
     names = [one.name for one in problem.unsafe]
     apart = (f"{name}, number {number} of problem.unsafe" for number, name in enumerate(names, 1))
     return [name if names.count(name) == 1 else other for name, other in zip(names, apart, strict=True)]
@@ -590,7 +588,7 @@ def names_apart(problem: ReachAvoidProblem) -> list[str]:
 def projection_findings(
     problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]], losses: Mapping[str, Any]
 ) -> list[Finding]:
-    """Findings of subspaces that keep nothing of the target, and of sets that leave none free, by `losses`."""
+    """Findings of subspaces that keep nothing of the target, and of sets that leave none free."""
     names, found = problem.grid.names, []
     for axes, share in zip(subspaces, losses["target_kept"], strict=True):
         dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]

@@ -42,9 +42,9 @@ T = TypeVar("T")
 
 
 class Games(Protocol):
-    """The interface of a method for the recursion: the games of one interval, for each input, on the whole grid.
+    """The interface of a method for the recursion: the games of one interval, for each input.
 
-    The calls are independent of each other; what is sampled is kept between them. Games may also have
+    Games may also have
 
     * `grouped_reach_sets(values, step)`: reach sets come some inputs at a time, and are made where they are read, at
       the nodes of the grid without its padding (`sdhj.problem.boxes`); then `avoid` has a third argument `out`, the
@@ -63,14 +63,13 @@ class Games(Protocol):
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j (*shape)) for each input j in turn: the reach set of {values <= 0} (Definition 2).
 
-        Phi_j is the level-set function, at the begin of the interval from a step, of the states that u_j leads into
-        {values <= 0}, values (*shape), at its end, without regard to the unsafe sets.
+        That is, of the states that u_j leads into it by the interval's end, without regard to the unsafe sets.
         """
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """For each input the avoid tube of an unsafe set over the interval from a step: <= 0 where it stays clear.
+        """The avoid tube of an unsafe set over the interval from a step for each input: <= 0 where it stays clear.
 
-        The result has the shape (L, *subgrid of samples.avoid_axes(unsafe_set.axes)).
+        (L, *subgrid of samples.avoid_axes(unsafe_set.axes)).
         """
 
 
@@ -90,9 +89,9 @@ class Pieces(NamedTuple):
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
-        """The level-set functions of some of these inputs, counted from `first`, on the whole grid: (inputs, *shape).
+        """The level-set functions of some of these inputs, counted from `first`: (inputs, *shape).
 
-        A view where there is one piece on all axes, else a new array.
+        A view where there is one piece on all axes.
         """
         if len(self.axes[0]) == len(self.shape):
             return self.pieces[0][some]
@@ -101,7 +100,7 @@ class Pieces(NamedTuple):
 
 
 def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) -> FloatArray:
-    """Write the union, the minimum of `pieces` (L, *subgrid of its `axes`), into `out` (L, *shape), and return it."""
+    """Write the minimum of `pieces` (L, *subgrid of its `axes`) into `out` (L, *shape), and return it."""
     for j, total in enumerate(out):
         lengths = ([n if axis in keep else 1 for axis, n in enumerate(total.shape)] for keep in axes)
         first, *others = (piece[j].reshape(one) for piece, one in zip(pieces, lengths, strict=True))
@@ -114,18 +113,14 @@ def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) 
 
 
 def in_eights(reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
-    """Yield reach sets that come one by one, (j, values (*shape)) with ascending j, stacked to `Pieces`.
-
-    Successive inputs whose marks are in one byte, with the same j // 8, come together, as `add_inputs` writes whole
-    bytes.
-    """
+    """Yield reach sets (j, values), ascending, stacked to `Pieces`: the inputs whose marks are in one byte."""
     for _, run in groupby(enumerate(reach_sets), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], values[0].shape, [np.stack(values)], [tuple(range(values[0].ndim))])
 
 
 def nodes_past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
-    """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
+    """By how many nodes the grid of the moving frame goes past both ends of each of some axes.
 
     That is as far as the disturbance pushes the state in an interval, or the drift leads if that is less, and `BEYOND`
     more; 0 for periodic axes and for those without a drift.
@@ -150,7 +145,7 @@ class ObstacleFunction:
 
     @classmethod
     def of(cls, samples: Samples, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
-        """The obstacle function of an unsafe set of the samples, on ascending `axes` that include those of the set."""
+        """The obstacle function of an unsafe set, on ascending `axes` that include those of the set."""
         instant = unsafe_set.moving and samples.problem.view_time == "instantaneous"
         view_time = "swept" if instant else None
         grid, places = samples.grid.subgrid(axes), [axes.index(axis) for axis in unsafe_set.axes]
@@ -163,10 +158,10 @@ class ObstacleFunction:
 
 
 class _OnAxes:
-    """Base of games on some axes of a problem; other coordinates that enter the velocities are disturbances (App. A.4).
+    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
 
     A subclass has `dtype`, `solved` and `shifted`, and implements `grouped_reach_sets` and either `each_tube` or
-    `tubes`; `reach` and `avoid` follow.
+    `tubes`.
     """
 
     dtype: str
@@ -179,10 +174,9 @@ class _OnAxes:
         self.duration, self.early = interval.delta, interval.early
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """To be implemented: yield the reach sets of {values <= 0}, values (*shape), some successive inputs at a time.
+        """To be implemented: yield the reach sets of {values <= 0}, some successive inputs at a time.
 
-        Inputs whose marks are in one byte, with the same j // 8, come together; at the nodes of the grid without its
-        padding.
+        Inputs whose marks are in one byte come together; at the nodes of the grid without its padding.
         """
         raise NotImplementedError
 
@@ -196,14 +190,14 @@ class _OnAxes:
         return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes over the interval from a step, maxima of what `each_tube` yields, in `out` or new."""
+        """The avoid tubes over the interval from a step, in `out` or new."""
         tubes = self.no_tubes(obstacle, out)
         for j, tube in self.each_tube(obstacle, step):
             np.maximum(tubes[j], tube, out=tubes[j])
         return tubes
 
     def no_tubes(self, obstacle: ObstacleFunction, out: FloatArray | None = None) -> FloatArray:
-        """Avoid tubes where nothing is to be avoided: -inf, (L, *subgrid of obstacle.axes), in `out` or a new array."""
+        """Avoid tubes where nothing is to be avoided: -inf, in `out` or new."""
         shape = self.count, *self.samples.grid.subgrid(obstacle.axes).shape
         out = np.empty(shape, self.dtype) if out is None else out
         out.fill(-np.inf)
@@ -238,7 +232,7 @@ class HJIGames(_OnAxes):
 
     @property
     def push(self) -> FloatArray:
-        """max |gain_id v_d| = |gain_id| bounds_d along each of the games' axes, where constant: (axes, D)."""
+        """max |gain_id v_d| along each of the games' axes, where constant: (axes, D)."""
         _, gain, bounds = self.samples.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
@@ -273,7 +267,7 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def displacement_by_disturbance(self) -> FloatArray:
-        """How far the disturbance moves a state along each axis in an interval, in the axis's unit, or 0: (axes,)."""
+        """How far the disturbance moves a state along each axis in an interval: (axes,)."""
         # Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps
         # them. Below a cell the box contains no other node, and interpolation alone would wear sets down. Where a
         # component moves several axes, not all of a box can be reached.
@@ -297,7 +291,7 @@ class HJIGames(_OnAxes):
 
     @property
     def apart(self) -> bool:
-        """Whether each input has games of its own, so that some of them can be asked for in `grouped_reach_sets`."""
+        """Whether each input has games of its own, so that some can be asked for in `grouped_reach_sets`."""
         return not self.shifted
 
     def grouped_reach_sets(
@@ -314,7 +308,7 @@ class HJIGames(_OnAxes):
         """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), with f_j the drift under u_j.
 
         Psi is the reach set under the disturbance alone: the greater of the solution by differences and of the maximum
-        over the box that the disturbance moves a state in (`displacement_by_disturbance`).
+        over the box of `displacement_by_disturbance`.
         """
         (grid, past), shift, inner = self.moving_grid, self.drift * self.duration, self.grid.inner
         if any(past):
@@ -331,7 +325,7 @@ class HJIGames(_OnAxes):
         yield from maxima(grid, still, shift, shift, SHIFT, inner)
 
     def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
-        """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3."""
+        """Phi_j at the begin of the interval from a step, by the HJI equation of game 3."""
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
         steps = self.steps(self.axes, step) if callable(velocities) else None
@@ -354,7 +348,7 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
-        """The games of the same problem and axes by the Hopf-Lax formula; only where these exist."""
+        """The games of the same problem and axes by the Hopf-Lax formula, where these exist."""
         return HopfLaxGames(self.samples, SHIFT, self.dtype, self.axes)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
@@ -364,7 +358,7 @@ class HJIGames(_OnAxes):
         return self.formula.tubes(obstacle, step, out)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, avoid tube of u_j) for every input, by differences with -g as obstacle."""
+        """Yield (j, avoid tube of u_j), by differences with -g as obstacle."""
         grid, steps = self.samples.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         at = self.obstacle_at(obstacle, step, steps)
         least: Any = at if obstacle.instant else at(0.0)
@@ -377,10 +371,9 @@ class HJIGames(_OnAxes):
             )
 
     def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The obstacle function as one of tau, s, the time left in the interval from `step`: tau -> (*subgrid).
+        """The obstacle function as one of tau, s, the time left in the interval from `step`.
 
-        It is swept over the time step that begins there, of `steps` in the interval; if not `instant`, over the whole
-        interval.
+        It is swept over the time step that begins there; if not `instant`, over the whole interval.
         """
         t0, t1 = self.samples.problem.span(step)
 
@@ -397,8 +390,7 @@ class HJIGames(_OnAxes):
     ) -> Velocities | Callable[[float], Velocities]:
         """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it.
 
-        If velocities depend on time it is a function of tau, s, counted back from the interval's end, which raises
-        ValueError where they change too fast.
+        If velocities depend on time it is a function of tau, s, counted back from the interval's end.
         """
         interval = self.samples.interval(step)
         if not self.samples.dynamics.depends_on_time:
@@ -410,7 +402,7 @@ class HJIGames(_OnAxes):
         return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
 
     def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
-        """The velocity set of u_j along some axes at time t, s, of the interval from a step; `KEPT` bytes are kept."""
+        """The velocity set of u_j along some axes at time t of the interval from a step; `KEPT` bytes are kept."""
         if (key := (j, axes, drift, t)) not in self._fields:
             field = self.samples.interval(step).velocities(j, axes, t, drift=drift)
             own = self.samples.grid.subgrid(axes)
@@ -427,7 +419,7 @@ class HJIGames(_OnAxes):
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
-        """The most time steps that the CFL condition asks for under any input in the interval from a step, or 1."""
+        """The most time steps that the CFL condition asks for under any input in the interval from a step."""
         key = axes, step if self.samples.dynamics.depends_on_time else 0
         if key not in self._steps:
             grid, delta, cfl = self.samples.grid.subgrid(axes), self.duration, self.scheme.cfl
@@ -446,8 +438,7 @@ class HopfLaxGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by the Hopf-Lax formula (`sdhj.solver.hopf_lax`), exact up to interpolation.
 
     A component of v that moves several axes moves the state along a segment; where `Interval.segments` has none for it,
-    the bounding box of the velocities is used, which is conservative. ValueError where velocities depend on the state,
-    cross more than `sdhj.solver.schemes.MOST_STEPS` cells in an interval, or change too fast within one.
+    the bounding box of the velocities is used, which is conservative.
     """
 
     solved = 0  # a formula in place of PDEs
@@ -471,7 +462,7 @@ class HopfLaxGames(_OnAxes):
         self._about: tuple[Interval | None, dict[Any, Any]] = None, {}
 
     def _kept_for_interval(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
-        """The value of `find()`, computed once for each `key` and kept until another interval is asked for."""
+        """The value of `find()`, kept under `key` until another interval is asked for."""
         # where velocities do not depend on time all steps have one interval
         if self._about[0] is not interval:
             self._about = interval, {}
@@ -481,7 +472,7 @@ class HopfLaxGames(_OnAxes):
         return found
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """As `_OnAxes.grouped_reach_sets`: maxima of `values` over the set that each input leads to."""
+        """Maxima of `values` over the set that each input leads to."""
         interval, axes = self.samples.interval(step), list(self.axes)
         moved = self._kept_for_interval(
             interval, "reach", lambda: self._displacement_sets(interval, axes, [self.duration])
@@ -491,14 +482,14 @@ class HopfLaxGames(_OnAxes):
         )
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """As `_OnAxes.tubes`: the maximum of -g over all that the state may reach, one piece of time after another."""
+        """The maximum of -g over all that the state may reach, one piece of time after another."""
         tubes = self.no_tubes(obstacle, out)
         for some in self._tube_maxima(obstacle, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
 
     def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
-        """Yield the maxima of -g over all that the state may reach in each piece of the interval, some inputs each."""
+        """Yield the maxima of -g over all that the state may reach in each piece of the interval."""
         samples, axes = self.samples, list(obstacle.axes)
         grid, pieces, interval = samples.grid.subgrid(axes), self.parts_of_interval(axes), samples.interval(step)
         times = samples.problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
@@ -509,7 +500,7 @@ class HopfLaxGames(_OnAxes):
             yield from maxima_over_sets(grid, values.astype(self.dtype), moved, self.interpolation)
 
     def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
-        """For each input a box and segments that hold all its displacements in one piece of an interval; kept."""
+        """For each input a box and segments that hold all its displacements in one piece of an interval."""
         parts = 5 if self.samples.dynamics.depends_on_time else 2
         ends = (self.duration * np.linspace(piece, piece + 1, parts) / pieces).tolist()
         return self._kept_for_interval(

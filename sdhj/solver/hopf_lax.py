@@ -48,9 +48,9 @@ class Moved(NamedTuple):
 def maxima_over_sets(
     grid: Grid, values: FloatArray, moved: Moved, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` (*shape) over x + the set `moved` of each input, successive inputs at a time.
+    """Yield the maxima of `values` over x + the set `moved` of each input, successive inputs at a time.
 
-    `sdhj.problem.boxes.maxima` has the other arguments. The maximum is taken over the segments first, at all nodes.
+    The maximum is taken over the segments first, at all nodes.
     """
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)

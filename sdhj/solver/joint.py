@@ -79,19 +79,13 @@ class JointSets(GridSets):
 class Joint(Options):
     """Method "joint": the reach-avoid game of Prop. 1 in one PDE for each input.
 
-    With unsafe sets the PDE is solved as by `Scheme(frame="fixed")`, because in coordinates that move with the drift
-    these sets would move differently for each input. It is more diffusive than `sdhj.HJI`, and may promise what lies in
-    a gap between pieces of a tube (`sdhj.solver.findings`).
+    With unsafe sets the PDE is solved as by `Scheme(frame="fixed")`. It is more diffusive than `sdhj.HJI`, and may
+    promise what lies in a gap between pieces of a tube (`sdhj.solver.findings`).
 
     Parameters
     ----------
     scheme : Scheme
         How the equations are discretised.
-
-    Raises
-    ------
-    ValueError
-        If `scheme` is no `sdhj.Scheme`; by `sdhj.solve` if the method does not fit the problem.
 
     Examples
     --------

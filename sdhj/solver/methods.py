@@ -25,10 +25,7 @@ class Method(Protocol):
         """The name by which tables and files call it."""
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets:
-        """The sets of a problem, which `recursion` fills in.
-
-        progress : whether to show a progress bar; None: if standard error is a terminal.
-        """
+        """The sets of a problem, which `recursion` fills in."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +36,6 @@ class HJI(Options):
     ----------
     scheme : Scheme
         How the equations are discretised.
-
-    Raises
-    ------
-    ValueError
-        If an option is none of these; by `sdhj.solve` if the method does not fit the problem.
 
     Examples
     --------
@@ -64,7 +56,7 @@ class HJI(Options):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options of the scheme as plain values by name; a table's details have them."""
+        """The options of the scheme as plain values by name, for a table's details."""
         return dict(vars(self.scheme))
 
     def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HJIGames:
@@ -72,10 +64,7 @@ class HJI(Options):
         return HJIGames(samples, self.scheme, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled in by `recursion`.
-
-        ValueError if the method does not fit the problem. `progress` is ignored; the progress bar is the caller's.
-        """
+        """The tubes as level-set functions on the grid, to be filled in by `recursion`."""
         return GridSets(problem, self)
 
 
@@ -83,22 +72,21 @@ class HJI(Options):
 class HopfLax(Options):
     """Method "lax": the Hopf-Lax formula, for velocities that do not depend on the state; exact up to interpolation.
 
-    Where a component of the disturbance moves several axes, the maximum is taken over the true set, a zonotope, one
-    segment after another. Interpolation then errs to either side: outwards in bowls of the level-set function, inwards
-    at ridges. The box around the set, which is larger, is used where gain or bounds depend on time, and for components
-    that move an axis with a wall, unless the set is symmetric about that axis and no input moves along it; and where v
-    does not enter linearly.
+    Where a component of the disturbance moves several axes, the maximum is taken over the true set, a zonotope.
+    Interpolation then errs to either side: outwards in bowls of the level-set function, inwards at ridges. The box
+    around the set, which is larger, is used where v does not enter linearly, where gain or bounds depend on time, and
+    for components that move an axis with a wall, unless the set is symmetric about it and no input moves along it.
 
     Parameters
     ----------
     interpolation : {"limited", "linear"}
-        How functions are interpolated between nodes: to third order, or linearly (`sdhj.solver.hopf_lax`).
+        Between nodes: to third order, or linearly (`sdhj.solver.hopf_lax`).
     dtype : {"float32", "float64"}
 
     Raises
     ------
     ValueError
-        If an option is none of these; by `sdhj.solve` if velocities depend on the state, or the sensing has jitter.
+        By `sdhj.solve` if velocities depend on the state, or the sensing has jitter.
 
     Examples
     --------

@@ -62,7 +62,7 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
 
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
-    """Whether the choice of the input changes the drift along each axis, (ndim,) bool; all True of a black box."""
+    """Whether the choice of the input changes the drift along each axis, (ndim,); all True of a black box."""
     drift, count = problem.dynamics.drift, len(problem.inputs)
     if isinstance(drift, BlackBox):
         return np.ones(problem.grid.ndim, np.bool_)
@@ -71,7 +71,7 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
-    """The subspaces as tuples of ascending axes, in the given order; None is the `default_subspaces`. Or ValueError."""
+    """The subspaces as tuples of ascending axes, by default the `default_subspaces`."""
     if subspaces is None:
         return default_subspaces(problem)
     ndim = problem.grid.ndim
@@ -85,10 +85,7 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
 
 
 class ProjectedGames:
-    """Games 2 and 3 on several subspaces, back-projected and united: the results are inside the true ones.
-
-    `inner` makes the games on a subspace, given by the axes that it keeps.
-    """
+    """Games 2 and 3 on several subspaces, back-projected and united: the results are inside the true ones."""
 
     def __init__(
         self, samples: Samples, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
@@ -110,13 +107,13 @@ class ProjectedGames:
         return all(self.on(axes).shifted for axes in self.subspaces)
 
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
-        """The games on the subspace of some axes, made at the first call and kept."""
+        """The games on the subspace of some axes, kept."""
         if axes not in self._games:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
-        """s_p(x) = max over the dropped coordinates w of s(x, w), s (*shape), at the nodes of the subgrid of `axes`.
+        """s_p(x) = max over the dropped coordinates w of s(x, w), at the nodes of the subgrid of `axes`.
 
         With all axes kept it is `values` itself.
         """
@@ -130,10 +127,7 @@ class ProjectedGames:
         return values
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """Yield the reach sets of all inputs at once, as pieces on the subspaces, whose union is inside the true ones.
-
-        On each subspace they are computed from the inner projection of {values <= 0}.
-        """
+        """Yield the reach sets of all inputs at once, as pieces on the subspaces, from the inner projections."""
         grid, count, pieces, end = self.samples.grid, len(self.samples.problem.inputs), list[FloatArray](), 0
         whole = tuple(n - low - high for n, (low, high) in zip(grid.shape, grid.padding, strict=True))
         shapes = [(count, *(whole[axis] for axis in axes)) for axes in self.subspaces]
@@ -150,11 +144,11 @@ class ProjectedGames:
         yield Pieces(0, whole, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j (*shape)) for every input in turn, on the whole grid: inside the true reach set."""
+        """Yield (j, Phi_j), on the whole grid: inside the true reach set."""
         return one_by_one(self.grouped_reach_sets(values, step))
 
     def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes of an unsafe set over the interval from a step, as `Games.avoid`, inside the true ones."""
+        """The avoid tubes of an unsafe set over the interval from a step, inside the true ones."""
         samples = self.samples
         axes = samples.avoid_axes(unsafe_set.axes)
         grid = samples.grid.subgrid(axes)
@@ -199,7 +193,7 @@ class ProjectedGames:
         return projected
 
     def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
-        """Raise the entry of this unsafe set in `free` to `share`, 0 to 1, of a subspace, if it is larger."""
+        """Raise the entry of this unsafe set in `free` to a `share` of a subspace."""
         position = next(i for i, known in enumerate(self.samples.unsafe) if known is unsafe_set)
         self.free[position] = max(share, self.free.get(position, 0.0))
 
@@ -207,9 +201,8 @@ class ProjectedGames:
 class ProjectedSets(GridSets):
     """`GridSets` of method "projected", whose table also says how much the projections lose.
 
-    Its `losses` are "target_kept", for each subspace the share, 0 to 1, of the volume of the goal that the inner
-    projection keeps, the largest over the steps; and "free", the greatest share of a subspace outside a set's outer
-    projection, by the set's name.
+    Its `losses` are "target_kept", for each subspace the largest share of the goal's volume that the inner projection
+    keeps; and "free", the greatest share of a subspace outside a set's outer projection, by name.
     """
 
     games: ProjectedGames
@@ -260,26 +253,24 @@ class ProjectedSets(GridSets):
 class Projected(Options):
     """Method "projected": games on lower-dimensional subspaces, united after back-projection (Sec. 5.1, App. A.4, A.5).
 
-    The tubes lie inside those of the full method, and cost less: little less on four axes, where both take seconds, so
-    that `HJI`, which holds more, is the one to take; from five axes on a twelfth to a half of the time in the problems
-    of `notebooks/site/numbers.md`. The target must not depend on a dropped coordinate:
-    its projection contains only what is in it for *every* value of that coordinate. A bounded target that moves with
-    a coordinate, as in `evader_case_study`, has an empty projection; a `ProjectionWarning` then says so, and the tubes
-    never grow beyond the target. Use `HJI` there. A component of the disturbance that moves several axes gains nothing
-    where they are dropped one by one: the shadow of a disk is that of the square around it.
+    The tubes lie inside those of the full method, and cost less: little less on four axes, where `HJI` is the one to
+    take; from five axes on a twelfth to a half of the time in the problems of `notebooks/site/numbers.md`. A target
+    that depends on a dropped coordinate, as in `evader_case_study`, has a projection of what is in it for *every* value
+    of that: where it is empty, a `ProjectionWarning` says so. A component of the disturbance that moves several axes
+    gains nothing where they are dropped one by one: the shadow of a disk is that of the square around it.
 
     Parameters
     ----------
     subspaces : sequence of sequence of int, optional
-        The axes that each subspace keeps. Default: each subspace drops one axis that no input drives
-        (`default_subspaces`); in the case studies these are the paper's (0, 1, 2) and (0, 1, 3).
+        The axes that each subspace keeps. Default: each drops one axis that no input drives; in the case studies these
+        are the paper's (0, 1, 2) and (0, 1, 3).
     inner : HJI or HopfLax, optional
         The method that solves the games on the subspaces.
 
     Raises
     ------
     ValueError
-        If `inner` is none of these; by `sdhj.solve` if the grid has one axis, or not those of `subspaces`.
+        By `sdhj.solve` if the grid has one axis, or not those of `subspaces`.
 
     Examples
     --------
@@ -316,10 +307,7 @@ class Projected(Options):
         object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`.
-
-        ValueError where the subspaces are not of the problem's grid, or `inner` takes no jitter.
-        """
+        """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`."""
         if isinstance(self.inner, HopfLax):
             refuse_jitter(problem)
         subspaces = checked_subspaces(problem, self.subspaces)

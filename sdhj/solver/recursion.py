@@ -50,10 +50,9 @@ class TubeSets(Protocol):
         Whether nothing depends on time. There is then one row, k = 0, and the entry (k, n) is the entry (0, n) for
         every k.
     filled : int
-        Only of sets that take problems with steps=None: the largest n that has been filled in.
+        For steps=None: the largest n that has been filled in.
     changing : float
-        Only of sets that take problems with steps=None: the share of the state space, 0 to 1, that the last step
-        changed.
+        For steps=None: the share of the state space that the last step changed.
     """
 
     time_invariant: bool
@@ -62,28 +61,27 @@ class TubeSets(Protocol):
         """Prepare what does not belong to one entry, such as avoid tubes."""
 
     def write_goal(self, step: int) -> None:
-        """Write the entry (step, 0): the target minus the unsafe sets, at the time of the step."""
+        """Write the entry (step, 0): the target minus the unsafe sets."""
 
     def extend(self, step: int, within: int) -> None:
         """Write the entry (step, within) from (step, within - 1), (step + 1, within - 1) and the step's avoid tubes."""
 
     def unchanged(self, step: int, within: int) -> bool:
-        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; within >= 1."""
+        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal."""
 
     def repeat(self, step: int, within: int) -> None:
-        """Make the entry (step, within) the same tube as the entry (step, within - 1), without computing anything."""
+        """Make the entry (step, within) the same tube as (step, within - 1), without computing anything."""
 
     def finish(self, details: Mapping[str, Any]) -> Table:
-        """The table of all entries; the items of `details`, plain values by name, are added to the table's details."""
+        """The table of all entries; `details` are added to its own."""
 
 
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
     """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place.
 
-    Rows k come from `steps` down to 0, and in a row n goes upwards; if nothing depends on time, there is the row 0
-    alone. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and `sets.repeat`
-    is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the target appears
-    late. `done()` is called after each entry with n >= 1.
+    Rows k come from `steps` down to 0, and in a row n goes upwards. If the entries (k + 1, n - 1) and (k + 1, n - 2)
+    are equal, so are (k, n) and (k, n - 1), and `sets.repeat` is called. A row with a shared entry may grow again, for
+    example if the target appears late. `done()` is called after each entry with n >= 1.
     """
     sets.begin()
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
@@ -99,9 +97,8 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
 class InputRows:
     """The grid and the avoid tubes in the form in which the kernel `add_inputs` reads them; `add` calls it.
 
-    The grid is cut into R rows. A row is all nodes of the last one or more axes. As many axes are joined as the avoid
-    tubes allow: each avoid tube depends on all of the joined axes or on none of them, so that in a row it is one value,
-    or a row of numbers that other rows of the grid may share.
+    The grid is cut into R rows, all nodes of the last one or more axes: as many as each avoid tube depends on all or
+    none of, so that in a row it is one value, or a row of numbers that other rows may share.
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
@@ -122,13 +119,13 @@ class InputRows:
         self.static_at, self.moving_at = (self._part_at(some, last) for some in axes)
 
     def as_rows(self, values: FloatArray, lead: int = 0) -> FloatArray:
-        """A view in rows, (lead..., R, size), of values (lead..., *shape) with `lead` axes before those of the grid."""
+        """A view in rows, (lead..., R, size), of values (lead..., *shape)."""
         return values.reshape(*values.shape[:lead], -1, self.size)
 
     def _part_at(self, axes: Axes, last: int = 1) -> FloatArray:
         """For each part of the grid, all nodes of its `last` axes, which part of a function of `axes` belongs to it.
 
-        (parts,) int; parts of the grid are in C order over its other axes, those of the function over its own of these.
+        Parts of both are in C order over the other axes: (parts,).
         """
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
@@ -137,7 +134,7 @@ class InputRows:
         return np.broadcast_to(numbers, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """Where the kernel `add_inputs` finds reach sets that are given in pieces: `InPieces` without its values.
+        """Where the kernel `add_inputs` finds reach sets in pieces: `InPieces` without its values.
 
         The pieces, of a `number` of inputs each, lie one after the other in a flat array.
         """
@@ -163,10 +160,8 @@ class InputRows:
     ) -> None:
         """Write tube = min(start, max(reach_j, avoid_j) for these inputs j), and mark those that are <= 0.
 
-        tube : (*shape), contiguous, written over.
-        marks : (bytes, *shape) uint8, written: bit j % 8 of byte j // 8, which has to be 0 before.
-        step : the position of the interval's step in `tubes.moving`.
-        start : (*shape), may be `tube` itself.
+        Bit j % 8 of byte j // 8 of `marks` (bytes, *shape) has to be 0 before; `step` is the position in
+        `tubes.moving`; `start` may be `tube`.
         """
         behind = math.prod(self.grid.shape[reach_sets.axis + 1 :]) if isinstance(reach_sets, Maxima) else 0
         if isinstance(reach_sets, Maxima) and behind % self.size:
@@ -192,7 +187,7 @@ class InputRows:
 
 
 class GridMethod(Protocol):
-    """A method that plays its games on the grid, as `GridSets` takes it: `HJI`, `HopfLax` and `OnSubspaces`."""
+    """A method that plays its games on the grid: `HJI`, `HopfLax` and `OnSubspaces`."""
 
     @property
     def name(self) -> str:
@@ -200,19 +195,16 @@ class GridMethod(Protocol):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """The method's options, plain values by name, for the table's details.
-
-        One of them must be "dtype", the type of the numbers in tubes, such as "float32".
-        """
+        """The method's options, plain values by name, among them "dtype", the type of the numbers in tubes."""
 
     def on(self, samples: Samples) -> Games:
-        """The games of the intervals of a problem, on the whole grid of its samples; what they sample is kept."""
+        """The games of the intervals on the whole grid of samples."""
 
 
 class GridParts:
     """The parts of a table that one process computes: avoid tubes, goals and entries, each on the whole grid.
 
-    Games are played on its `samples` when `padded`; `empty` makes the arrays in which avoid tubes are put together.
+    Games are played on its `samples` when `padded`; `empty` makes the arrays of avoid tubes.
     """
 
     def __init__(self, problem: ReachAvoidProblem, method: GridMethod, empty: Callable[..., Any] = np.empty) -> None:
@@ -231,7 +223,7 @@ class GridParts:
         return self.method.on(self.samples.padded)
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """The shape of a whole array of the table: "tubes", "marks", "avoid_static" or "avoid_moving"."""
+        """The shape of "tubes", "marks", "avoid_static" or "avoid_moving" of the table."""
         grid, count, steps = self.problem.grid, len(self.problem.inputs), self.problem.steps
         if name in self.axes:
             return *(steps,) * (name == "avoid_moving"), count, *(grid.shape[axis] for axis in self.axes[name])
@@ -243,10 +235,9 @@ class GridParts:
         return np.dtype("uint8" if name == "marks" else self.dtype)
 
     def write_avoid(self, name: str, step: int, out: FloatArray) -> set[int]:
-        """Write the avoid tubes of a step to `out`, of `shape(name)` without steps; returns which sets are met.
+        """Write the avoid tubes of a step to `out`, of `shape(name)` without steps; the unsafe sets that are met.
 
-        That is the positions in problem.unsafe of the sets of which some node is in danger. The tubes are the maximum
-        over all dangers of this name, and with a `Sensing` eroded by the box E.
+        The tubes are the maximum over all dangers of this name, with a `Sensing` eroded by the box E.
         """
         problem, samples, axes, met = self.problem, self.samples.padded, self.axes[name], set[int]()
         wide = len(out), *samples.grid.subgrid(axes).shape
@@ -274,7 +265,7 @@ class GridParts:
         return met
 
     def write_goal(self, step: int, tube: FloatArray) -> None:
-        """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), to `tube` (*shape)."""
+        """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), to `tube`."""
         tube[...] = eroded_by_error(self.problem, self.samples.goal(step))
 
     def write_entry(
@@ -289,12 +280,9 @@ class GridParts:
     ) -> None:
         """Write an entry, tube = the least of `before` and max(reach_j, avoid_j) for all inputs j, and its marks.
 
-        Without a target it is the greatest of `before` and the least of these.
-
-        before, after : (*shape), the entries (step, within - 1) and (step + 1, within - 1).
-        tube : (*shape), written over.
-        marks : (bytes, nodes) uint8, written, 0 at first.
-        some : the inputs that are meant, for games whose inputs are `apart`; by default all.
+        Without a target it is the greatest of `before` and the least of these. before, after : the entries (step,
+        within - 1) and (step + 1, within - 1). marks (bytes, nodes) : 0 at first. some : inputs, for games that are
+        `apart`; by default all.
         """
         problem, values = self.problem, must_lead_into(self.problem, after)
         if (padding := self.samples.padded.grid.padding) != problem.grid.padding:
@@ -321,7 +309,7 @@ class GridParts:
 
 
 def bytes_of_entry(parts: GridParts) -> int:
-    """Upper estimate of the bytes that the games of a solve take beside its table, and the process itself."""
+    """Upper estimate of the bytes of a solve beside its table, and the process itself."""
     problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
     games = parts.samples.padded.grid
     count, axes = len(problem.inputs), range(problem.grid.ndim)
@@ -348,7 +336,7 @@ def bytes_of_entry(parts: GridParts) -> int:
 
 
 def bytes_of_solve(parts: GridParts) -> int:
-    """Upper estimate of the bytes of a solve in memory: of an entry, of the table, and to put avoid tubes together."""
+    """Upper estimate of the bytes of a solve in memory."""
     found = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
     most, padded = 0, parts.samples.padded
     for name, some in parts.dangers.items():
@@ -372,7 +360,7 @@ class GridSets:
     storable : bool
         Whether `sdhj.solver.entries` can fill them in on disk.
     index, tubes, marks, avoid : arrays, AvoidTubes
-        Of the table, as `LookupTable` has them; entries are undefined until they are filled in.
+        As `LookupTable` has them; undefined until they are filled in.
     shared : int
         Entries that are the tube of another entry.
     """
@@ -390,10 +378,7 @@ class GridSets:
         return self.parts.games
 
     def begin(self) -> None:
-        """Make the arrays and solve the avoid games; warns of what the grid does not resolve, and of sets never met.
-
-        MemoryError, before anything is solved, where the solve does not fit into memory.
-        """
+        """Make the arrays and solve the avoid games; warns of what the grid does not resolve, and of sets never met."""
         parts, problem = self.parts, self.problem
         shapes = {name: parts.shape(name) for name in ARRAYS}
         require_memory(bytes_of_solve(parts), "this solve", why_large(problem, parts.dtype))
@@ -440,7 +425,7 @@ class GridSets:
         return equal_tubes(*(self.tubes[self.place(step, n)] for n in (within, within - 1)))
 
     def repeat(self, step: int, within: int) -> None:
-        """Make the entry (step, within) the same tube as (step, within - 1), with its marks, and count it."""
+        """Make the entry (step, within) the same tube as (step, within - 1), with its marks."""
         self.shared += 1
         if (place := self.place(step, within)) == self.place(step, within - 1):
             return
@@ -451,7 +436,7 @@ class GridSets:
             self.index[self.index >= place] -= 1
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table, whose arrays become read-only. Its details are the method's options, counts, and `details`."""
+        """The table, whose arrays become read-only, with the method's options, counts, and `details`."""
         stored = int(self.index.max()) + 1
         arrays = read_only((self.index, self.tubes[:stored], self.marks[:stored]))
         found = self.options | self.counts(self.games.solved, self.shared) | dict(details)
@@ -459,14 +444,14 @@ class GridSets:
         return table.with_details(found | more) if (more := self.said_of(table)) else table
 
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
-        """What a method does between the avoid games and the first entry with n >= 1, of each `goal`: nothing."""
+        """What a method does between the avoid games and the first entry with n >= 1: nothing."""
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
         """What else a method says of a table, for its details."""
         return {}
 
     def counts(self, solved: int, shared: int) -> dict[str, Any]:
-        """What a table's details say of its solve: so many PDEs solved, and entries that are the tube of another."""
+        """What a table's details say of its solve: PDEs solved, and entries that are the tube of another."""
         problem, steps = self.problem, self.problem.steps
         avoid = sum(steps if problem.moves(unsafe_set) else 1 for unsafe_set in problem.unsafe)
         return {
@@ -478,7 +463,7 @@ class GridSets:
 
 
 def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
-    """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within)."""
+    """The index of a table in which no tubes are shared: the position of each (start, within)."""
     # if nothing depends on time `within`, for every start
     start, index = entries(problem.steps).T.copy()
     if not problem.time_invariant:  # one behind the other as they are filled in
@@ -492,7 +477,7 @@ def equal_tubes(one: FloatArray, other: FloatArray) -> bool:
 
 
 def tell_of_never_met(problem: ReachAvoidProblem, met: set[int]) -> None:
-    """Warn of the unsafe sets of which no node is in danger, those not at the positions `met`."""
+    """Warn of the unsafe sets of which no node is in danger, those not in `met`."""
     for position, unsafe_set in enumerate(problem.unsafe):
         if position not in met:
             tell(never_met_finding(unsafe_set))
@@ -513,7 +498,7 @@ def why_large(problem: ReachAvoidProblem, dtype: str) -> str:
 
 
 def _require_steps(problem: ReachAvoidProblem, name: str) -> None:
-    """Raise ValueError, with what to do, where a problem has no number of steps."""
+    """Raise ValueError where a problem has no number of steps."""
     if problem.steps is None and problem.has_no_target:
         raise ValueError(
             "steps=None asks for ever, and on a grid an error at the boundary adds up from step to step. Use "

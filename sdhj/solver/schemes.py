@@ -61,35 +61,28 @@ class Scheme(Options):
     ----------
     flux : {"godunov", "lax-friedrichs"}
         The numerical Hamiltonian. Godunov is sharper; if the adversary couples axes, Lax-Friedrichs is used in any
-        case, because Godunov does not apply.
+        case.
     order : {2, 1, 3}
-        Order of the upwind differences in space.
+        Of the upwind differences in space.
     integrator : {"rk2", "euler", "rk3"}
-        The Runge-Kutta scheme in time.
+        In time.
     cfl : float
         Time step as a fraction of the largest stable one, in (0, 1].
     frame : {"moving", "fixed"}
-        "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
-        shifted back by interpolation. Applies if the drift is constant, but not where one component of the disturbance
-        moves several axes, one of them with a wall, and is stronger there than the drift. Where each component moves
-        one axis, by a cell or more in an interval, maxima are kept that differences would erode; if the drift is along
-        periodic axes only, the avoid games are then solved in closed form (`sdhj.solver.hopf_lax`). "fixed", and
-        otherwise: finite differences for everything.
+        "moving": where the drift is constant, the PDE is solved once in coordinates that move with it, and shifted back
+        for each input (`HJIGames.moving_frame` says where not). Where each component of the disturbance moves one axis,
+        by a cell or more in an interval, maxima are kept that differences would erode; if the drift is along periodic
+        axes only, the avoid games are then solved in closed form (`sdhj.solver.hopf_lax`). "fixed", and otherwise:
+        finite differences for everything.
     dtype : {"float32", "float64"}
-
-    Raises
-    ------
-    ValueError
-        If an option is none of these.
 
     Notes
     -----
     Orders 2 and 3 choose, at each node, the difference that is smaller (Osher and Shu). Ties are broken alike in mirror
-    images: a problem that is turned by half a turn has the same tubes to the last bit in the fixed frame, where its
-    nodes and functions are the same to the last bit. Where they are not, and in the moving frame, whose drifts are
-    rounded the other way round, differences of opposite sign that are equal but for a rounding make the choice, and so
-    the value, jump: by some 1e-5 in float32, more where many choices follow one another, and 1e-12 in float64. Only a
-    limiter that is continuous, and of lower order there, would not.
+    images: a problem turned by half a turn has the same tubes to the last bit in the fixed frame, if its nodes and
+    functions are the same to the last bit. Else differences of opposite sign that are equal but for a rounding make the
+    choice, and so the value, jump: by some 1e-5 in float32, more where many choices follow one another, and 1e-12 in
+    float64.
 
     Examples
     --------
@@ -125,7 +118,7 @@ def checked_scheme(scheme: Any) -> None:
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells are crossed along each axis in `duration` s at a speed (ndim,); ValueError above `MOST_STEPS`."""
+    """How many cells are crossed along each axis in `duration` s; ValueError above `MOST_STEPS`."""
     cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
     if max(cells) > MOST_STEPS:
         raise too_fast_error(grid, speed, duration, max(cells), "cells to be crossed")
@@ -133,7 +126,7 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
 
 
 def too_restless_error(delta: float) -> ValueError:
-    """The ValueError, which the caller raises, for velocities that change too fast within an interval of delta s."""
+    """The ValueError for velocities that change too fast within an interval of delta s."""
     return ValueError(
         f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
         "shorter delta, or include the vibration in the adversary's bounds"
@@ -142,7 +135,7 @@ def too_restless_error(delta: float) -> ValueError:
 
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
-    """The layout in which kernels read a function on the grid, for differences of some order; not to be written."""
+    """The layout in which kernels read a function on the grid, for differences of some order."""
     *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
     ghosts = min(order, STENCIL_RADIUS)
     top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
@@ -171,7 +164,7 @@ def layout_of(grid: Grid, order: int) -> Layout:
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
-    """Which nodes along an axis stand for the indices `node`, which may be beyond the ends: an int array like `node`.
+    """Which nodes along an axis stand for the indices `node`, which may be beyond the ends.
 
     Around a periodic axis; at a bounded one the last node stands for all beyond it (constant extrapolation).
     """
@@ -180,7 +173,7 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 
 
 def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
-    """A new array of values (*grid.shape) with ghost nodes before and behind those of the last two axes."""
+    """Values with ghost nodes before and behind those of the last two axes, new."""
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
     out[:, layout.top : rows - layout.top, g:-g] = values.reshape(planes, layout.rows, n)
@@ -194,7 +187,7 @@ def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> 
 
 
 def _without_ghosts(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
-    """Copy functions that `_with_ghosts` arranged, one after the other, without ghost nodes to `out`, of any shape."""
+    """Copy functions that `_with_ghosts` arranged, one after the other, without ghost nodes to `out`."""
     planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
     out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
@@ -203,10 +196,10 @@ def _without_ghosts(layout: Layout, padded: FloatArray, out: FloatArray) -> None
 def _field(
     grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
 ) -> FloatArray:
-    """A new array of functions on the grid as the kernels read them: (count, leading..., nodes with ghosts).
+    """Functions on the grid as the kernels read them: (count, leading..., nodes with ghosts), new.
 
-    `parts` are (count, leading..., *grid.shape) with `leading` axes in front; or (count, leading...) for constant
-    functions, of which the result has one plane of nodes, which kernels read for all planes.
+    `parts` are (count, leading..., *grid.shape), or (count, leading...) for constant functions, which get one plane of
+    nodes.
     """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
@@ -218,7 +211,7 @@ def _field(
 
 
 def terms_of(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as the kernel `stage` reads them, kept in `velocities.terms` if that is a dict; not to be written."""
+    """Velocities as the kernel `stage` reads them, kept in `velocities.terms` if that is a dict."""
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
     key = grid, layout.ghosts, dtype
@@ -256,7 +249,7 @@ def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) ->
 
 
 def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
-    """The function tau -> arrange(given), arranged at once, or tau -> arrange(given(tau)) if `given` is callable."""
+    """The function tau -> arrange(given), arranged at once, or tau -> arrange(given(tau))."""
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
     arranged = arrange(given)
@@ -277,9 +270,7 @@ def evolve(
 
     At every stage Phi is kept at least as high as the `obstacle`, -g for an avoid game (App. A.3) and, on a padding, at
     most `most_on_padding`. Velocities and obstacle may be functions of tau, s, which counts back from the interval's
-    end; then `steps` have to be given, else the CFL condition says how many; with 0 the values are returned.
-
-    ValueError where it asks for more than `MOST_STEPS`.
+    end; then `steps` have to be given, else the CFL condition says how many.
     """
     if steps is None:
         if callable(velocities):
@@ -343,7 +334,7 @@ def _integrate(
     """Phi after `steps` time steps of dt by `stages`, and an array that is free: phi and work are both overwritten.
 
     euler(source, out, now, then, keep) writes out = keep out + (1 - keep) (an Euler step of `source` from time `now`);
-    `then` is the time that the result stands for.
+    `then` is the result's time.
     """
     spare = np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):

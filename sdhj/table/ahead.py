@@ -20,10 +20,7 @@ NO_TAPES = program(()) * 3
 def tape_of_problem(
     problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
-    """All that compiled look-ups read of a problem at a step, from 0 to N, in the order in which kernels read it.
-
-    Their places are numbered in `sdhj.kernels.tubes`.
-    """
+    """What compiled look-ups read of a problem at a step, in the order numbered in `sdhj.kernels.tubes`."""
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
     if problem.dynamics.stateless:  # the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
@@ -41,12 +38,12 @@ def tape_of_problem(
 
 
 def conditional(problem: ReachAvoidProblem) -> bool:
-    """Whether some unsafe set is unsafe under some inputs only, so that inputs are judged by different sets."""
+    """Whether some unsafe set is unsafe under some inputs only."""
     return any(part.inputs is not None for part in problem.unsafe)
 
 
 def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
-    """Three programs on state and time, for compiled code: the paths' ends, the unsafe sets, the target; or empty."""
+    """Programs on state and time of the paths' ends, the unsafe sets and the target; empty where one is a black box."""
     ahead, ndim = problem.interval(0).displacement_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
     unsafe, target = (program([_timed(part, ndim) for part in some]) for some in sets)
@@ -55,7 +52,7 @@ def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
 
 
 def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
-    """A set's level-set function as a graph on the whole state, with t as coordinate `time`, not on its own axes."""
+    """A set's level-set function as a graph on the whole state, with t as coordinate `time`."""
 
     def put(one: Node) -> Node | None:
         return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
@@ -66,11 +63,7 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
 def choose_by_true_sets(
     table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int
 ) -> None:
-    """Check some rows (R,) of a batch by the true sets, in place, in Python: for functions of any kind.
-
-    It must decide as the compiled `sdhj.kernels.lookup.decide` does for formulas; `scores` (M, L) and `checks` are
-    those of `Table._fill_in_and_check`.
-    """
+    """Check some rows (R,) of a batch by the true sets, in place, as the compiled `decide` does for formulas."""
     problem, (ints, floats) = table.problem, table.tape_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points

@@ -14,7 +14,7 @@ ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time
 
 
 def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Callable[[FloatArray, float], FloatArray]:
-    """A level-set function (points (M, ndim), t) -> (M,): the tube of the step whose time t is, interpolated."""
+    """A level-set function (points, t): the interpolated tube of the step whose time t is."""
     tubes = [_tube(problem.grid, one) for one in values]  # of the steps 0 to N; one if nothing depends on time
 
     def level_set(points: FloatArray, t: float) -> FloatArray:

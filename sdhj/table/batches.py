@@ -37,25 +37,20 @@ Player = Callable[..., Any]  # simulates runs of a table: `sdhj.simulation.playe
 class Batch(NamedTuple):
     """The answers of a table for M states at one step, made by `Table.batch`.
 
-    Without an input to choose, for states that are not admissible and at the last step, no input is `safe`, `margins`
-    are +inf and `best` is -1.
-
     Attributes
     ----------
     states : (M, ndim) array
     step, within : int
         The step k; and n: an input is safe if it leads into the tube with max(steps_to_go, n) - 1 steps to go.
     steps_to_go : (M,) int array
-        Fewest steps in which the target is reached safely; without a target, the number of steps that are left. -1 for
-        states that are not admissible.
+        Fewest steps in which the target is reached safely(without a target, the steps left); -1 where not admissible.
     safe : (M, L) bool array
-        Which inputs are safe according to the table. Only `best` has also been checked with the true sets
-        (`Table.passes_true_sets`); `Controller.safe_inputs` checks all.
+        Which inputs are safe according to the table; none in states not admissible and at the last step. Of these only
+        `best` is checked with the true sets, too; `Controller.safe_inputs` checks all.
     margins : (M, L) array
-        The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
-        are in it.
+        The largest value of the next tube over all states to which the input can lead; +inf where none is asked.
     best : (M,) int array
-        The safe input of least margin; if no input is safe, the best one, without a promise.
+        The safe input of least margin; if there is none, the best one, without a promise, or -1.
     """
 
     states: FloatArray
@@ -72,7 +67,7 @@ class Batch(NamedTuple):
         return np.maximum(self.steps_to_go, self.within) - 1
 
     def sealed(self) -> "Batch":
-        """A batch with read-only views of these arrays, for rules of users; the originals stay writable."""
+        """A batch with read-only views of these arrays, for rules of users."""
         return Batch(*(read_only_view(getattr(self, name)) for name in Batch._fields))
 
     @property
@@ -82,7 +77,7 @@ class Batch(NamedTuple):
 
 
 def entry(steps: int, start: int, within: int) -> int:
-    """Position of (start, within), which are not checked, in a list of all entries: k (N + 1) - k (k - 1) / 2 + n."""
+    """Position of (start, within) in a list of all entries: k (N + 1) - k (k - 1) / 2 + n."""
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
@@ -91,9 +86,8 @@ class Table(ReadOnly):
 
     Arguments `start` and `within` select a tube, as `LookupTable` explains; ValueError where an argument does not fit.
 
-    A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`,
-    `method`, `index`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here. What a table has
-    does not change; look-ups keep what they compute, and may be made from several threads.
+    A subclass is a dataclass with the fields `details` and `player`, and implements `problem`, `method`, `index`,
+    `values`, `inputs`, `save`, and what is marked "To be implemented" here. Look-ups may be made from several threads.
 
     Attributes
     ----------
@@ -102,7 +96,7 @@ class Table(ReadOnly):
     method : str
         Its name.
     details : mapping
-        Options of the method and statistics of the solve.
+        Options and statistics of the solve.
     index : (entries,) int array
         For each (start, within), in the order of `entry`, the position of its tube among the stored ones.
     """
@@ -119,7 +113,7 @@ class Table(ReadOnly):
     _explain = explain_on_grid
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickled it is the name of the file that its arrays are mapped from, as long as that is there."""
+        """Pickled it is the name of the file that its arrays are mapped from, while that is there."""
         return (self.origin and self.origin.reduced(self)) or super().__reduce_ex__(protocol)
 
     @property
@@ -128,7 +122,7 @@ class Table(ReadOnly):
         return self.problem.grid
 
     def with_details(self, details: Mapping[str, Any]) -> Self:
-        """The same table with other details; what look-ups have kept so far is shared with it."""
+        """The same table with other details, sharing what look-ups have kept."""
         out = replace(self, details=Sealed(details))  # type: ignore[type-var]  # each kind of table is a dataclass
         vars(out).update(vars(self) | {"details": out.details})  # where it is mapped from, too
         return out
@@ -150,7 +144,7 @@ class Table(ReadOnly):
         )
 
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
-        """Simulate runs from the whole tube, to see how many of the table's promises are broken.
+        """Simulate runs from the whole tube, to see how many promises are broken.
 
         Parameters
         ----------
@@ -161,7 +155,7 @@ class Table(ReadOnly):
         Returns
         -------
         sdhj.simulation.played.Played
-            `print` shows how many runs were lost, in which way, and what would help.
+            How many runs were lost, in which way, and what would help.
 
         Raises
         ------
@@ -193,9 +187,9 @@ class Table(ReadOnly):
         -------
         Explanation
             For each input: the unsafe set, or the end of an axis, that the state may meet, and when; or by how much it
-            may end outside the next tube. Of a certified table: how deep the tube of the state's cell may be in it, or
-            how many cells that it may lead to are not certified. What is not proved at these cells may be true all the
-            same; whether more cells may do is told by method "hji" on few nodes, solved when a table is asked first.
+            may end outside the next tube. Of a certified table: how deep the cell's tube may be in it, or how many
+            cells that it may lead to are not certified; whether more cells may do is told by method "hji" on few nodes,
+            solved when a table is asked first.
 
         Examples
         --------
@@ -209,13 +203,13 @@ class Table(ReadOnly):
     # ---- sets
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """The tube as a level-set function (points (M, ndim), t) -> (M,), 1 between steps: for `from_table`."""
+        """The tube as a level-set function (points, t), 1 between steps: for `from_table`."""
         most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
         steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
         return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
-        """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
+        """The pair (start, within), checked; `within` is at most N - start, as by default."""
         steps = self.steps
         start = whole("start", start, least=0, most=steps)
         left = steps - start
@@ -232,18 +226,15 @@ class Table(ReadOnly):
         ----------
         points : (M, ndim) array
             States, in the units of the grid's axes. With a `Sensing` these are true states when the input of the step
-            starts, one delay after the measurement, and True holds whatever has been measured; of a measurement ask
-            `Controller.admissible`.
+            starts; of a measurement ask `Controller.admissible`.
         start, within : int
-            k, the step at which the robot is there, from 0 to N; and n, the most steps that it may take, by default and
-            at most all that are left, N - start.
+            k, from 0 to N; and n, the most steps that it may take, by default all that are left.
 
         Returns
         -------
         (M,) bool
-            False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
-            whatever is interpolated between nodes. For a certified table True for every state in the target itself and
-            clear of the unsafe sets, whatever its cell is.
+            False off the grid, in the true unsafe sets and, with within = 0, outside the true target. For a certified
+            table True in the true target clear of the unsafe sets, whatever the cell.
 
         Examples
         --------
@@ -264,8 +255,7 @@ class Table(ReadOnly):
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space that is in the tube (start, within), from 0 to 1.
 
-        It is the share of the grid's volume, counted by nodes, or by cells for a certified table: states in the target
-        whose cell is not in it as a whole, which `contains`, do not count.
+        By volume, counted by nodes, or for a certified table by whole cells.
 
         Parameters
         ----------
@@ -285,8 +275,7 @@ class Table(ReadOnly):
     def change_over_cell(self) -> float:
         """By how much the value of the whole tube, (0, N), changes over a cell at its boundary; 0 if none is found.
 
-        On each axis i the median of |dV/dx_i| h_i over random states near the boundary; of these the root of the sum of
-        squares.
+        The root of the sum of squares of the medians of |dV/dx_i| h_i over random states near the boundary.
         """
         grid, slopes = self.grid, list[float]()
         # states within half a cell of the boundary, along an axis
@@ -298,11 +287,11 @@ class Table(ReadOnly):
         return float(np.linalg.norm(slopes))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """To be implemented: whether points (M, ndim), no NaN, are in the tube as it was computed: (M,) bool."""
+        """To be implemented: whether points (M, ndim), no NaN, are in the tube as computed: (M,) bool."""
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
-        """To be implemented: the share, 0 to 1, of the grid's volume in the tube; the pair is clipped."""
+        """To be implemented: the share, 0 to 1, of the grid's volume in the tube."""
         raise NotImplementedError
 
     # ---- states
@@ -310,15 +299,14 @@ class Table(ReadOnly):
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """Steps to go, safe inputs and margins of many states at one step, computed on all cores.
 
-        An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
-        that make progress, with within = N - step all after which the target can still be reached. Without a target,
-        N - step is used.
+        An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default those that
+        make progress, with within = N - step all after which the target can still be reached.
 
         Parameters
         ----------
         states : (M, ndim) array
         step, within : int
-            The step k at which they all are, from 0 to N; and n, as above.
+            k, from 0 to N; and n, without a target N - k.
 
         Raises
         ------
@@ -336,9 +324,9 @@ class Table(ReadOnly):
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """As `Table.batch`, for finite states, neither checked nor copied: nobody may write them later.
+        """As `Table.batch`, for finite states, neither checked nor copied.
 
-        `best` is the safe input of least score (M, L), by default of least margin, that the true sets pass.
+        `best` is the safe input of least score (M, L), by default the margin, that the true sets pass.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
@@ -356,8 +344,7 @@ class Table(ReadOnly):
     def _fill_in_and_check(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
         """Fill in some rows (R,) of a batch in place, and check them by the true sets; called from several threads.
 
-        `best` becomes the safe input of least score (M, L) that passes, inputs of less score are no longer `safe`, and
-        steps_to_go of a state in an unsafe set becomes -1; with `TRUE_SETS_ONLY` the fields have been filled in before.
+        `best` becomes the safe input of least score (M, L) that passes; inputs of less score are no longer `safe`.
         """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).displacement_sets(batch.states[rows])
         if checks == TRUE_SETS_TOO:
@@ -366,12 +353,12 @@ class Table(ReadOnly):
 
     @cached_property
     def normals(self) -> FloatArray | None:
-        """Normals (K, ndim) of the planes between which inputs lead; None if there are none, or nothing is checked."""
+        """Normals (K, ndim) of the planes between which inputs lead; None if there are none."""
         normals = self.problem.interval(0).normals
         return normals if normals.size and not self.proved else None
 
     def tape_at(self, step: int) -> Tape:
-        """The problem at a step as compiled look-ups read it, made once for each step that differs from others."""
+        """The problem at a step as compiled look-ups read it."""
         # if nothing depends on time, the last step has a tape, and all others share one
         place = self.steps * (step == self.steps) if self.problem.time_invariant else step
         if (found := self._tape_of_step.get(place)) is None:
@@ -389,20 +376,19 @@ class Table(ReadOnly):
     def _fill_in_by_tubes(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         """To be implemented: fill in rows (R,) of a batch in place from the tubes alone, `best` by margin.
 
-        `ends` (4 + K, L, ndim, 1 or R) is what inputs lead to (`Interval.displacement_sets`), empty for proved tables;
-        without a target steps_to_go is 0 in the tube, else -1; several threads call it for different rows.
+        `ends` (4 + K, L, ndim, 1 or R) is what inputs lead to (`Interval.displacement_sets`); several threads call it.
         """
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L) that the true sets pass, else `Batch.best`: (M,) int."""
+        """For each state the safe input of least score (M, L) that the true sets pass, else `Batch.best`: (M,)."""
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
         self._fill_in_and_check(checked, scores, TRUE_SETS_ONLY, np.arange(len(to_go)))
         return checked.best
 
     def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
-        """To be implemented by proved tables: the input by a rule of `RULES` for each state, -1 for none: (M,) int."""
+        """To be implemented by proved tables: the input by a rule of `RULES` for each state, -1 for none: (M,)."""
         raise NotImplementedError
 
     def bounds_of_next_points(
@@ -410,8 +396,8 @@ class Table(ReadOnly):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The box in which a controller that remembers goes on, and how far off it the next prediction may be.
 
-        Two corners (M, ndim), of the ends of undisturbed paths for the longest and the shortest interval, widened by
-        `problem.error_growth`; and 2 E, of prediction and point, or E where the state is known to be at a wall.
+        Two corners (M, ndim): ends of undisturbed paths of the longest and the shortest interval, widened by
+        `problem.error_growth`; and 2 E, or E where the state is known to be at a wall.
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still = np.zeros((len(points), problem.dynamics.disturbance_dim))
@@ -430,8 +416,7 @@ class Table(ReadOnly):
     ) -> tuple[FloatArray, FloatArray]:
         """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: (M,) bool.
 
-        They are the predictions `seen`, on any lap, clipped to the box (*Memory* in `sdhj.problem.sensing`); those that
-        errors do not explain begin anew.
+        The predictions `seen`, on any lap, clipped to the box (*Memory* in `sdhj.problem.sensing`).
         """
         low, high, off = self.bounds_of_next_points(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
@@ -443,7 +428,7 @@ class Table(ReadOnly):
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether an input for each state passes the true sets (`notebooks/site/code.md`, point 6): (M,) bool."""
+        """Whether an input for each state passes the true sets: (M,) bool."""
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
         self._fill_in_and_check(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))
@@ -461,9 +446,8 @@ class Table(ReadOnly):
         Returns
         -------
         (M, L) array
-            The value of each input's avoid tube: <= 0 if it stays clear whatever the adversary does, -inf if no set is
-            unsafe under it. A table on a grid interpolates, and beyond a wall uses the value at the wall; a certified
-            table gives <= 0 only with proof.
+            The value of each input's avoid tube: <= 0 if it stays clear (of a certified table by proof), -inf if no set
+            is unsafe under it.
 
         Examples
         --------
@@ -476,13 +460,12 @@ class Table(ReadOnly):
         return self._hazards(states_array("states", states, self.grid.ndim), step)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """To be implemented: the avoid tubes' values (M, L), as `hazards` says, at states (M, ndim) that are finite."""
+        """To be implemented: the avoid tubes' values (M, L), as `hazards` says, at finite states."""
         raise NotImplementedError
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Level-set values of tubes at V points for each of M states, as computed: (M, V).
-
-        A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
+        """Level-set values of tubes at V points for each of M states, as computed, without a look at the true sets: (M,
+        V).
 
         Parameters
         ----------
@@ -490,7 +473,7 @@ class Table(ReadOnly):
         step : int
             k, from 0 to N.
         within : (M,) int array
-            The steps to go of each row's tube, clipped to the range from 0 to N - step.
+            The steps to go of each row's tube.
 
         Examples
         --------
@@ -506,18 +489,18 @@ class Table(ReadOnly):
         return self._values_at(points, step, within)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """To be implemented: values (M, V), as `values_at` says, at points (M, V, ndim); all arguments are checked."""
+        """To be implemented: `values_at`, all arguments checked."""
         raise NotImplementedError
 
     # ---- to be implemented
 
     @property
     def nbytes(self) -> int:
-        """To be implemented: bytes that the table takes in memory or, for a stored table, that it would take."""
+        """To be implemented: bytes that the table takes in memory or, if it is stored, would take."""
         raise NotImplementedError
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """To be implemented: the level-set function of a tube, <= 0 inside, at nodes or cells: array of grid.shape."""
+        """To be implemented: the level-set function of a tube, at nodes or cells: array of grid.shape."""
         raise NotImplementedError
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
@@ -525,17 +508,17 @@ class Table(ReadOnly):
         raise NotImplementedError
 
     def save(self, path: str | os.PathLike[str], compress: bool = False) -> None:
-        """Write a self-describing file, or raise OSError; an older file stays until the new one is complete."""
+        """Write a self-describing file, whole or not at all."""
         raise NotImplementedError
 
 
 def threads() -> int:
-    """How many threads share a batch: the number of cores that this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
-    """Call `work(rows)` for all rows of states (M, ndim), each once; where they are many, from several threads."""
+    """Call `work(rows)` for all rows of states, each once, from several threads where they are many."""
     if len(states) <= CHUNK:
         if len(states):
             work(np.arange(len(states)))
@@ -547,7 +530,7 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 
 
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
-    """An order (M,) int of states (M, ndim) in which those that read the same nodes are close together."""
+    """An order (M,) of states in which those that read the same nodes are close together."""
     # on large grids some successive cells count as one,
     # so that numbers fit into 16 bits, which are sorted ten times as fast
     lower, spacing, shape = grid.arrays[:3]

@@ -23,10 +23,9 @@ class Fallback:
     input : int
         Index into problem.inputs.
     steps : int
-        For how many steps it is promised to stay clear, whatever the adversary does: 1 if the state is in the input's
-        avoid tube (up to interpolation; for a certified table by proof), else 0, as always off the grid.
+        For how many steps it is promised to stay clear: 1 if the state is in the input's avoid tube, else 0.
     hazard : float
-        Level-set value of that avoid tube at the state: <= 0 inside, -inf if no set is unsafe under the input.
+        Level-set value of that avoid tube, -inf if no set is unsafe under the input.
     """
 
     input: int
@@ -35,7 +34,7 @@ class Fallback:
 
 
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`input`, `steps` and `hazard`, as in `Fallback`, of states (M, ndim), finite, which is not checked: (M,) each."""
+    """`input`, `steps` and `hazard`, as in `Fallback`, of finite states (M, ndim): (M,) each."""
     step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
     hazards = table._hazards(states, step)
     # among equally deep tubes, as where nothing is unsafe, the least margin decides
@@ -53,7 +52,7 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """The largest value of the next step's tube, all steps left, at corners of where each input may lead: (M, L)."""
+    """The largest value of the next step's tube, all steps left, at corners of where each input leads: (M, L)."""
     sides = _sides(table.grid.ndim)
     ends = states[:, None, None] + table.problem.interval(step).reachable_points(states, sides)  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
@@ -64,7 +63,7 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 @cache  # of an array that nobody writes
 def _sides(ndim: int) -> FloatArray:
-    """The corners of a box, (2^ndim, ndim): 0 or 1 for the lower or upper end of an axis."""
+    """The corners of a box, (2^ndim, ndim), as 0 or 1."""
     return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 
@@ -79,14 +78,13 @@ class Filtered:
     commands : (M, m)
         The values of these inputs.
     changed : (M,) bool
-        Whether they differ from the wanted ones; they always do if a command between the quantised inputs was wanted.
+        Whether they differ from the wanted ones, as all do from a command between the inputs.
     overruled : (M,) bool
-        Whether an input nearer to the wanted one was refused because it is not safe.
+        Whether an input nearer to the wanted one was refused as not safe.
     promised : (M,) bool
-        Whether the table promises that the target can still be reached safely by the last step.
+        Whether the target is promised by the last step.
     fallback : (M,) bool
-        Whether no input is safe, so that the best one is applied without a promise: `Batch.best` if the state is
-        admissible, else that of `Controller.fallback`.
+        Whether no input is safe, so that `Batch.best` is applied or, in states not admissible, `Controller.fallback`.
     """
 
     inputs: Any
@@ -104,7 +102,7 @@ def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
 
 
 def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
-    """What is wanted for `count` states, as commands (count, m), and as indices (count,) if these were given."""
+    """What is wanted for `count` states, as commands (count, m), and as indices if these were given."""
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")
@@ -124,7 +122,7 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
 
 
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
-    """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,) int: (M, ndim)."""
+    """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,)."""
     delay, grid = problem.sensing.delay, problem.grid.walled  # all ends hold, also without a delay
     measured = states_array("a measurement", measured, grid.ndim)
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)

@@ -48,7 +48,7 @@ class Damaged(ValueError):
 
 
 class Stated(NamedTuple):
-    """An array as the head states it: dtype, shape, SHA-256 of its .npy file; size and SHA-256 of what is packed."""
+    """An array as the head states it: of its .npy file the SHA-256, of what is packed size and SHA-256."""
 
     kind: str
     shape: tuple[int, ...]
@@ -57,7 +57,7 @@ class Stated(NamedTuple):
 
     @classmethod
     def of_json(cls, name: str, entry: Any) -> "Stated":
-        """The entry of an array in the head, checked; ValueError where it is none, or too large."""
+        """The entry of an array in the head, checked."""
         kind, shape, packed = entry["dtype"], entry["shape"], entry.get("packed")
         size = [*shape, *(packed[:1] if packed else [])]
         whole = all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n <= MOST_BYTES for n in size)
@@ -88,7 +88,7 @@ class Stated(NamedTuple):
 
 
 def header(kind: Any, shape: Sequence[int]) -> bytes:
-    """What stands before the numbers in an .npy file of version 1.0: `HEADER` bytes, for any shape."""
+    """What stands before the numbers in an .npy file of version 1.0: `HEADER` bytes."""
     descr = np.dtype(kind).newbyteorder("<").str
     text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {tuple(map(int, shape))}, }}"
     return struct.pack("<6s2BH", b"\x93NUMPY", 1, 0, HEADER - 10) + text.encode().ljust(HEADER - 11) + b"\n"
@@ -106,7 +106,7 @@ def numbers_in(part: memoryview, kind: str, shape: Sequence[int]) -> FloatArray:
 
 
 def mapped(path: Path) -> memoryview:
-    """The bytes of a regular file, mapped; OSError if it cannot be opened, ValueError if it is a link or none."""
+    """The bytes of a regular file, mapped; ValueError if it is a link or none."""
     flags = sum(getattr(os, f"O_{name}", 0) for name in ("RDONLY", "NOFOLLOW", "NONBLOCK", "BINARY"))
     if path.is_symlink():  # where the system has no such flag
         raise ValueError(f"{path.name} is a link")
@@ -149,7 +149,7 @@ class Member(NamedTuple):
 
     @property
     def header(self) -> bytes:
-        """The bytes before its own: so many that these begin at a multiple of `ALIGNED`."""
+        """The bytes before its own, which then begin at a multiple of `ALIGNED`."""
         extra = struct.pack("<2H2Q", 1, 16, self.size, self.packed)
         pad = -(self.at + 30 + len(self.name) + len(extra) + 4) % ALIGNED
         extra += struct.pack("<2H", 0xD935, pad) + bytes(pad)
@@ -178,7 +178,7 @@ def directory(members: Sequence[Member]) -> bytes:
 
 
 def head_text(head: Mapping[str, Any], stated: Mapping[str, Stated]) -> bytes:
-    """The bytes of problem.json: a head, with an entry "arrays" besides. ValueError if it is too long."""
+    """The bytes of problem.json: a head, with an entry "arrays" besides."""
     about = {name: stated[name].entry for name in sorted(stated)}
     text = json.dumps(dict(head) | {"arrays": about}, sort_keys=True)[1:].encode() + b"\n"
     if len(text) > MOST_HEAD - 100:
@@ -187,7 +187,7 @@ def head_text(head: Mapping[str, Any], stated: Mapping[str, Stated]) -> bytes:
 
 
 def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], compress: bool) -> None:
-    """Write head and arrays to an open file, packed if `compress` says so and readers will believe it (`believed`)."""
+    """Write head and arrays to an open file, packed if `compress` says so and they are `believed`."""
     pieces, stated, checks = dict[str, list[Any]](), dict[str, Stated](), dict[str, int]()
     for name in sorted(arrays):
         values: FloatArray = np.asarray(arrays[name], order="C")
@@ -222,13 +222,13 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
 
 
 def believed(stated: Mapping[str, Stated]) -> bool:
-    """Whether packed arrays are no larger than a reader unpacks: small files that are large ones unpacked are not."""
+    """Whether packed arrays are no larger than a reader unpacks."""
     packed = [(one.packed[0], one.size) for one in stated.values() if one.packed]
     return sum(size for _, size in packed) <= max(MOST_UNPACKED, MOST_RATIO * sum(small for small, _ in packed))
 
 
 def begin_array(folder: Path, name: str, kind: str, shape: Sequence[int]) -> None:
-    """Make the .npy file of an array in a folder, or cut or extend the one that is there; its numbers stay."""
+    """Make the .npy file of an array in a folder, or cut or extend the one that is there."""
     path = folder / file_name(name)
     with open(path, "r+b" if path.exists() else "xb") as out:
         out.write(header(kind, shape))
@@ -237,7 +237,7 @@ def begin_array(folder: Path, name: str, kind: str, shape: Sequence[int]) -> Non
 
 
 def stated_in(folder: Path, shapes: Mapping[str, tuple[str, Sequence[int]]]) -> dict[str, Stated]:
-    """The arrays of a folder, of these names, dtypes and shapes, with their digests: all of them are read."""
+    """The arrays of a folder, of these dtypes and shapes, with their digests: all are read."""
     found = {}
     for name, (kind, shape) in sorted(shapes.items()):
         begin_array(folder, name, kind, shape)
@@ -251,13 +251,10 @@ def stated_in(folder: Path, shapes: Mapping[str, tuple[str, Sequence[int]]]) -> 
 
 
 class Contents:
-    """An open file or folder: its head, and its arrays, which are mapped, or unpacked when they are asked for."""
+    """An open file or folder: its head, and its arrays, mapped or unpacked when asked for."""
 
     def __init__(self, path: Path) -> None:
-        """Compare all bytes but the arrays' with what would be written: `Damaged` where they differ.
-
-        Whatever else a head may tell that no table's does raises errors of many kinds, for `opened_table` to translate.
-        """
+        """Compare all bytes but the arrays' with what would be written: `Damaged` where they differ."""
         self.path, self.folder = path, path.is_dir()
         image = mapped(path / HEAD) if self.folder else mapped(path)
         begin, size = (0, len(image)) if self.folder else first_in(image)
@@ -281,7 +278,7 @@ class Contents:
                 raise Damaged(f"its array {name} is not what was written")
 
     def _members(self, image: memoryview, text: bytes) -> dict[str, memoryview]:
-        """The bytes of each array in a zip; `Damaged` where one byte between them is not what would be written."""
+        """The bytes of each array in a zip, of which every byte between them is compared."""
         first = Member(HEAD.encode(), zlib.crc32(text), len(text), len(text), False, 0)
         members, parts = [first], dict[str, memoryview]()
         for name, one in self.stated.items():
@@ -302,13 +299,13 @@ class Contents:
         return sum(one.size for one in self.stated.values())
 
     def check(self) -> None:
-        """Read all arrays and compare their digests: `Damaged` where one differs. What is packed stays packed."""
+        """Read all arrays and compare their digests: `Damaged` where one differs."""
         for name, one in self.stated.items():
             if sha256(*parts_of(self.parts[name])) != (one.packed[1] if one.packed else one.sha256):
                 raise Damaged(f"its array {name} is not what was written")
 
     def array(self, name: str) -> FloatArray:
-        """The array of that name, read-only: mapped, or in memory where it is packed."""
+        """The array of that name, read-only."""
         one, part = self.stated[name], self.parts[name]
         if one.packed:
             if sha256(part) != one.packed[1]:
@@ -324,7 +321,7 @@ class Contents:
 
 
 def first_in(image: memoryview) -> tuple[int, int]:
-    """Where the head begins in a zip, and the size that is stated; `Damaged` if it does not begin with a head."""
+    """Where the head begins in a zip, and the size that is stated."""
     if len(image) < HEADER or bytes(image[:4]) != b"PK\3\4" or image[30 : 30 + len(HEAD)] != HEAD.encode():
         raise Damaged("it does not begin as a table's file does")
     begin = len(Member(HEAD.encode(), 0, 0, 0, False, 0).header)
@@ -332,7 +329,7 @@ def first_in(image: memoryview) -> tuple[int, int]:
 
 
 def digest_and_head(text: bytes) -> tuple[str, dict[str, Any]]:
-    """The SHA-256 and the content of a problem.json; `Damaged` if its bytes are not those of this format and digest."""
+    """The SHA-256 and the content of a problem.json, whose bytes are compared with those of this format."""
     first, _, rest = text.partition(b"\n")
     if len(text) > MOST_HEAD or first + b"\n" != FIRST_LINE.format(FORMAT, found := sha256(rest)).encode():
         raise Damaged("its head is not what was written")

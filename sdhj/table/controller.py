@@ -26,9 +26,9 @@ SHIELDED = 1 / 3  # cells: what an input must keep on a grid that the filter let
 
 
 class NotAdmissible(ValueError):
-    """No tube of this step contains the state: no safe way to the target in the steps that are left is known.
+    """No tube of this step contains the state.
 
-    Raised by `Controller.select` and others; `Controller.fallback` answers for any state, `table.explain(q)` says why.
+    `Controller.fallback` answers for any state, `table.explain(q)` says why.
 
     Examples
     --------
@@ -42,7 +42,7 @@ class NotAdmissible(ValueError):
 
 
 def _message_in_target(state: FloatArray, step: int) -> str:
-    """The message of an error about a state in the target that no input is proved to lead back into it."""
+    """The error about a state in the target that no input is proved to lead back into it."""
     return (
         f"state {state.tolist()} is in the target at step {step}, and no input is proved to bring it back into the "
         "target one step later; the task is done, or use fallback()"
@@ -62,16 +62,16 @@ class Action:
     steps_to_go : int or None
         As `Controller.steps_to_go`, for the prediction.
     promised : bool
-        Whether the input is promised to be safe and to make progress (`Batch.promised`); never after a missed deadline.
+        Whether the input is promised to be safe and to make progress.
     late : float
-        How long after its sampling time the measurement was taken, s; negative if before.
+        How long after its sampling time the measurement was taken, s.
     missed : bool
-        Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement. Or,
-        where the controller remembers (`Sensing.memory`), whether the measurement is farther from what was possible
-        than its error allows, so that an assumption broke. The loop then begins anew, with this measurement alone.
+        Whether `late` exceeds the problem's jitter, step - 1 had no measurement or, where the controller remembers,
+        this one is farther from what was possible than its error allows. The loop then begins anew, with this
+        measurement alone.
     point : (ndim,) array
-        What the answer is about: the prediction or, where the controller remembers, the point that it carries on, of
-        which `select` and the others may be asked, too.
+        What the answer is about, and other queries may be, too: the prediction or the point that the controller carries
+        on.
     """
 
     input: int
@@ -84,21 +84,19 @@ class Action:
 
     @property
     def arrived(self) -> bool:
-        """Whether the run is over: the state is in the target or, without one, clear with no step left."""
+        """Whether the run is over: in the target or, without one, clear with no step left."""
         return self.steps_to_go == 0
 
 
 class Controller:
     """Set-valued feedback from a table, for any state, at or between the nodes or off the grid (Algorithm 2).
 
-    Queries take a state q (ndim,), in the units of the grid's axes, and the step k at which the robot is there, from 0
-    to N. If nothing depends on time, the step may be omitted: the answer for step 0 is valid at any time, so a robot
-    may run without end. Single states may be asked about from several threads at once, also while a solve runs. Making
-    a controller loads and prepares what its answers need, so that the first one takes no longer than others.
+    Queries take a state q (ndim,), in the units of the grid's axes, and the step k, from 0 to N, which may be omitted
+    if nothing depends on time. Single states may be asked about from several threads at once.
 
     With `Sensing`, states are predictions, made by `predict`; `step` does all that a control loop needs and, unless
-    memory=False, carries a point on. No other loop is promised anything then: other queries take only this point or,
-    with `first=True`, what is predicted of a loop's first measurement.
+    memory=False, carries a point on. Other queries then take only this point or, with `first=True`, what is predicted
+    of a loop's first measurement.
 
     All methods raise ValueError where an argument does not fit.
 
@@ -108,21 +106,20 @@ class Controller:
         What `sdhj.solve` or `sdhj.load` returns, of any method.
     rule : {"deepest", "effort", "target", "clearance"}, CostToGo or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
-        scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
-        negative level-set value of the unsafe sets there. A rule with an attribute `all_left` that is true, as
-        `sdhj.CostToGo`, is asked of all inputs after which the target can still be reached by the last step
-        (`allowed`), and the step has to be given always: `safe_inputs`, `batch` and `step` speak of these, too.
+        scores are the margin; the norm of the input; the target's level-set value at the successor; the negative one of
+        the unsafe sets there. A rule whose attribute `all_left` is true, as `sdhj.CostToGo`, is asked of all inputs
+        after which the target can still be reached by the last step, and the step has to be given always.
 
     Attributes
     ----------
     table, problem, rule, all_left
         As given; the problem is that of the table.
     depends_on_time : bool
-        Whether answers depend on the step, which then has to be given.
+        Whether the step has to be given.
     last : Action or None
         The last answer of `step`.
     remembered : (array, int) or None
-        The point (ndim,) that `step` has carried to its last answer, and the step of this.
+        The point (ndim,) that `step` carries, and its step.
 
     Raises
     ------
@@ -156,7 +153,7 @@ class Controller:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Ask the table what a control loop asks, so that its first answer takes no longer than later ones."""
+        """Ask the table what a control loop asks, so that no first answer takes longer."""
         grid, rng, step = self.problem.grid, np.random.default_rng(0), 0
         # compiled code is loaded, and what look-ups read is made; a rule of the user is not asked
         with suppress(Exception):  # what is wrong is said by the query that asks for it
@@ -187,8 +184,7 @@ class Controller:
         Returns
         -------
         int, or None
-            0 means that q is in the target, for a certified table also where its cell is not as a whole. Without a
-            target: the number of steps that are left.
+            0 in the target. Without a target: the number of steps left.
 
         Examples
         --------
@@ -202,7 +198,7 @@ class Controller:
         return None if to_go == NOT_ADMISSIBLE else to_go
 
     def safe_inputs(self, q: FloatArray, step: int | None = None, *, first: bool = False) -> FloatArray:
-        """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
+        """The inputs that are safe from a state, whatever the adversary does.
 
         Each leads into the tube of one step less, or from the target back into it.
 
@@ -214,8 +210,7 @@ class Controller:
         Returns
         -------
         (K,) int
-            Indices into problem.inputs. Empty at the last step, and sometimes just inside the boundary of a tube, where
-            the grid promises too much.
+            Indices into problem.inputs. Empty at the last step, and sometimes just inside a tube's boundary.
 
         Raises
         ------
@@ -235,15 +230,14 @@ class Controller:
     def select(self, q: FloatArray, step: int | None = None, before: int | None = None, *, first: bool = False) -> int:
         """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
 
-        Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
-        safe, without a promise; `batch(q[None], step).promised` tells.
+        Where `safe_inputs` is empty it is the one closest to being safe, without a promise.
 
         Parameters
         ----------
         q, step, first
             As `Controller` explains.
         before : int
-            Index of the input held until now, which a rule may heed; -1 if there is none.
+            Index of the input held until now, which a rule may heed.
 
         Returns
         -------
@@ -253,11 +247,10 @@ class Controller:
         Raises
         ------
         NotAdmissible
-            If no tube of this step contains q; see `fallback`. For a certified table also in the target, where no input
-            is proved to lead back into it.
+            If no tube of this step contains q; for a certified table also in the target, where no input is proved to
+            lead back.
         ValueError
-            If an argument does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
-            does not return a number for each safe input.
+            At the last step N, or if a rule of your own does not return a number for each safe input.
 
         Examples
         --------
@@ -281,17 +274,17 @@ class Controller:
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
-        """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
+        """The input that stays clear of the unsafe sets best in the next interval, for any state, also off the grid.
 
         Parameters
         ----------
         q, step
-            As `Controller` explains; q may be off the grid.
+            As `Controller` explains.
 
         Raises
         ------
         ValueError
-            If q or step does not fit, and at the last step N, after which no input is held.
+            At the last step N.
 
         Examples
         --------
@@ -306,20 +299,20 @@ class Controller:
         return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
 
     def _at(self, step: int | None) -> int:
-        """The step of a query, 0 where it was left out; ValueError where the answer depends on time then."""
+        """The step of a query, by default 0; ValueError where the answer depends on time then."""
         if step is None and self.depends_on_time:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
     def _within(self, step: int) -> int:
-        """The `within` of `Table.batch` for queries of a step: 1; for a rule with `all_left` max(N - step, 1)."""
+        """The `within` of `Table.batch` for queries of a step: 1, or max(N - step, 1) for a rule with `all_left`."""
         if not self.all_left:
             return 1
         steps = self.table.steps
         return max(steps - whole("step", step, least=0, most=steps), 1)
 
     def _require_carried(self, q: FloatArray, step: int | None, first: bool) -> None:
-        """Raise ValueError where a table for controllers that remember is asked about predictions by themselves."""
+        """ValueError where a table for controllers that remember is asked about predictions by themselves."""
         if first or not self.problem.sensing.remembers:
             return
         states, (point, at) = real_array("states", q), self.remembered or (None, None)
@@ -334,7 +327,7 @@ class Controller:
     def _query(
         self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None
     ) -> Batch:
-        """The answers for one state q (ndim,), a batch of M = 1; without `within`, inputs are safe by the rule."""
+        """The answers for one state q (ndim,); without `within`, inputs are safe by the rule."""
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
@@ -344,14 +337,14 @@ class Controller:
         return self.table.answers(state[None], step, self._within(step) if within is None else within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
-        """The answers for one state q (ndim,), a batch of M = 1; NotAdmissible, with the reason, if no tube has it."""
+        """The answers for one state q (ndim,); NotAdmissible, with the reason, if no tube has it."""
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
             raise NotAdmissible(self._explain(batch.states, batch.step))
         return batch
 
     def _explain(self, states: FloatArray, step: int) -> str:
-        """The message of `NotAdmissible`: why a state (1, ndim) is not admissible at a step, and what helps."""
+        """Why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
         if self.problem.surely_in_no_tube(states, step, 1)[0]:
             where = "it is in the unsafe set"
@@ -388,22 +381,20 @@ class Controller:
         """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j; a loop of `select` is
-        as good only with memory=False.
+        of step k, while the input j of step k - 1 still acts. `step` does this; a loop of `select` is as good only with
+        memory=False.
 
         Parameters
         ----------
         measurement : (ndim,) or (M, ndim) array
         previous : int or (M,) int, optional
-            Index into problem.inputs of the input that acts until then; by default `Sensing.rest`, which acts before
-            the first.
+            The input that acts until then, by index; by default `Sensing.rest`.
         step : int, optional
 
         Returns
         -------
         array of the shape of `measurement`
-            The true state will be within `problem.half_widths[0]` of it on each axis. A measurement that is off the
-            grid by more than its error is returned as it is, and no tube contains it.
+            The true state will be within `problem.half_widths[0]` of it on each axis.
 
         Examples
         --------
@@ -422,10 +413,9 @@ class Controller:
         return predictions[0] if states.ndim == 1 else predictions
 
     def admissible(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> Any:
-        """Whether a state measured at step k keeps the promise of all the remaining steps: what to ask before a run.
+        """Whether a state measured at step k is in the tube of all the remaining steps: what to ask before a run.
 
-        It is asked of the prediction: `table.contains` speaks of the state when the input of the step starts, where the
-        robot has moved on by the delay under the previous input.
+        It is asked of the prediction, where the robot has moved on by the delay under the previous input.
 
         Parameters
         ----------
@@ -451,9 +441,9 @@ class Controller:
     def step(self, measurement: FloatArray, time: float, *, fallback: bool = True) -> "Action":
         """Answer a measurement (ndim,) taken `time` seconds after a control loop began: see `Action`.
 
-        The measurement belongs to the sampling time nearest to it; a time near 0 begins a new loop. The controller
-        remembers the previous input. If nothing depends on time, a loop may run without end; without a target it then
-        stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
+        The measurement belongs to the nearest sampling time; a time near 0 begins a new loop. If nothing depends on
+        time, a loop may run without end; without a target it then stays clear for all of the table's steps from each
+        step on or, where that cannot be, for those promised before.
 
         Parameters
         ----------
@@ -461,20 +451,19 @@ class Controller:
         time : float
             s after the loop began: near 0 for the first.
         fallback : bool
-            Whether a prediction that is not admissible is answered by `Controller.fallback`; else NotAdmissible.
+            Whether `Controller.fallback` answers where the prediction is not admissible.
 
         Returns
         -------
         Action
-            At the last step N no interval is left to hold an input over: the answer says whether the run has `arrived`,
-            and its input is `Sensing.rest`, of which nothing is promised.
+            At the last step N it says whether the run has `arrived`, and its input is `Sensing.rest`.
 
         Raises
         ------
         NotAdmissible
             With fallback=False, if no tube of the step contains the prediction.
         ValueError
-            If measurement or time are invalid, if time does not increase from call to call, and after the last step.
+            If time does not increase from call to call, and after the last step.
 
         Examples
         --------
@@ -535,7 +524,7 @@ class Controller:
         ----------
         states : (M, ndim) array
         step, first
-            As `Controller` explains, for all states.
+            As `Controller` explains.
 
         Raises
         ------
@@ -553,32 +542,31 @@ class Controller:
         return self.answers(states, step)
 
     def answers(self, states: FloatArray, step: int | None = None) -> Batch:
-        """As `batch`, but no prediction is refused: for loops that carry points on themselves, as simulated ones do."""
+        """As `batch`, but no prediction is refused: for loops that carry points on themselves."""
         step = self._at(step)
         return self.table.batch(states, step, self._within(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None, *, first: bool = False) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
-        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
-        a certified table lets pass is proved. On a grid, where the value between nodes is wrong by a part of a cell, an
-        input passes only if its margin is at most -`SHIELDED` * `Table.change_over_cell`; where none does, it is the
-        one of least margin.
+        An input is safe here if after it the target can still be reached by the last step. What a certified table lets
+        pass is proved. On a grid an input passes only if its margin is at most -`SHIELDED` * `Table.change_over_cell`;
+        where none does, it is the one of least margin.
 
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
-            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
+            With a delay, what `predict` makes of measurements.
         step, first
             As `Controller` explains; from 0 to N - 1.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
-            What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
-            is that of least Euclidean distance.
+            An index into problem.inputs or a command for each state, to which the nearest input is by Euclidean
+            distance.
 
         Raises
         ------
         ValueError
-            If an argument does not fit, and at the last step.
+            At the last step.
 
         Examples
         --------
@@ -616,7 +604,7 @@ class Controller:
         return Filtered(*(field[0] for field in answer) if single else answer)
 
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
-        """The answer of `filter` for a state of a proved table, in half the time; None leaves it to the general way."""
+        """The answer of `filter` for a state of a proved table, in half the time; None leaves it to `filter`."""
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
             wanted = plain_array("wanted", wanted)
@@ -643,19 +631,19 @@ class Controller:
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
 
-        It is the safe input of least score by the rule that is also safe by the true sets or, if none is, `Batch.best`.
+        The safe input of least score that is also safe by the true sets or, if none is, `Batch.best`.
 
         Parameters
         ----------
         batch : Batch
-            What `batch` of the controller, or of its table, says of M states.
+            Of the controller or of its table.
         before : (M,) int, optional
-            The inputs held until now, which a rule may heed; -1 where none is known, as by default.
+            The inputs held until now; -1 where none is known.
 
         Raises
         ------
         ValueError
-            If a rule of your own returns something else than a number for each candidate.
+            If a rule of your own does not return a number for each candidate.
 
         Examples
         --------
@@ -676,7 +664,7 @@ class Controller:
         return self.table.preferred(batch, scores)
 
     def allowed(self, batch: Batch) -> FloatArray:
-        """Which safe inputs the filter, and a rule with `all_left`, may choose for each state: bool (M, L)."""
+        """Which safe inputs the filter, and a rule with `all_left`, may choose: bool (M, L)."""
         if self.table.proved:
             return batch.safe
         margins = np.where(batch.safe, batch.margins, np.inf)
@@ -686,7 +674,7 @@ class Controller:
         )
 
     def safe_by_true_sets(self, batch: Batch) -> FloatArray:
-        """Which inputs are safe for each state of a batch, by the tubes and by the true sets: bool (M, L), new."""
+        """Which inputs are safe by the tubes and by the true sets: bool (M, L), new."""
         rows, inputs = np.nonzero(batch.safe)  # which the true sets have passed only up to `Batch.best`
         safe = batch.safe.copy()
         safe[rows, inputs] = self.table.passes_true_sets(

@@ -41,7 +41,7 @@ def _free(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArra
 
 @dataclass(frozen=True)
 class _Cost:
-    """A cost along a run: the sum, or the maximum, of the costs of its intervals and of its end."""
+    """The sum, or the maximum, of the costs of a run's intervals and of its end."""
 
     of: Rule  # the costs of the intervals of P candidates
     end: Callable[[ReachAvoidProblem, FloatArray, float], FloatArray] = _free  # of runs that end in states at a time
@@ -55,13 +55,13 @@ def _effort(among: Candidates) -> FloatArray:
 
 
 def _distance(among: Candidates) -> FloatArray:
-    """max(g(q'), 0) delta of each of P candidates, g the target's level-set function and q' the successor: (P,)."""
+    """max(g(q'), 0) delta of P candidates, g the target's level-set function and q' the successor: (P,)."""
     far = among.problem.target_value(among.successors, among.problem.time(among.step + 1))
     return among.problem.delta * np.maximum(far, 0.0)
 
 
 def _clearance(among: Candidates) -> FloatArray:
-    """-g(q') of each of P candidates, g the unsafe sets' level-set function and q' the successor: (P,)."""
+    """-g(q') of P candidates, g the unsafe sets' level-set function and q' the successor: (P,)."""
     return -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1))
 
 
@@ -81,21 +81,20 @@ class CostToGo(ReadOnly):
     """A rule: the first input of a run of least cost, among those that keep all the steps left.
 
     J_k(q) = min_u c_k(q, u) + J_{k+1}(q'), for clearance max instead of +, with v = 0 (`sdhj.table.cost_to_go`). Other
-    rules choose among the inputs that reach the target in the fewest steps; a controller with this one takes its time,
-    and reaches it by the last step; it has to be told the step always. What is promised stays so: on a grid inputs are
-    taken that keep a third of a cell, as by `Controller.filter`.
+    rules reach the target in the fewest steps, this one by the last; the controller has to be told the step always.
+    What is promised stays so: on a grid inputs are taken that keep a third of a cell, as by `Controller.filter`.
 
-    Computing J asks the table once for each step and node of the grid, and takes 8 bytes of memory for each.
+    Computing J asks the table once for each step and node, and takes 8 bytes for each.
 
     Parameters
     ----------
     table : Table
-        That of the controller: what `sdhj.solve` or `sdhj.load` returns, of any method.
+        That of the controller.
     cost : {"effort", "distance", "clearance"} or callable (Candidates) -> (P,)
-        What is made least along the run: the sum of |u|^2 delta; the sum of the target's level-set value times delta,
-        as far as it is positive, at the ends of the intervals; or the largest of the negative level-set values of the
-        unsafe sets there, of those that are unsafe under every input. A function of your own is the cost of an
-        interval, and is added up, inf for what should not be done; the input held before is not known to it.
+        What is made least: the sum of |u|^2 delta; the sum of the target's level-set value times delta, as far as it is
+        positive, at the ends of the intervals; or the largest of the negative level-set values of the unsafe sets
+        there, of those that are unsafe under every input. A function of your own is the cost of an interval, and is
+        added up, inf for what should not be done; the input held before is not known to it.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
@@ -169,7 +168,7 @@ class CostToGo(ReadOnly):
         return out
 
     def __call__(self, candidates: Candidates) -> FloatArray:
-        """The scores of P candidates, c_k(q, u) + J_{k+1}(q'), or the larger of the two: (P,)."""
+        """The scores c_k(q, u) + J_{k+1}(q'), or the larger of the two, of P candidates: (P,)."""
         if candidates.problem != self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
         ends = candidates.successors

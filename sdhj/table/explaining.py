@@ -22,12 +22,11 @@ class Failure:
     input : int
         Index into problem.inputs.
     by : str
-        The name of the unsafe set, or the end of an axis, that the state may meet; "image" if what it may lead to is
-        not all in the next tube, and "rounding" if only what its whole cell may lead to is not; "marks" if only the
-        look at the nodes around or at the true sets refuses it.
+        The unsafe set, or the end of an axis, that the state may meet; "image" if it may lead out of the next tube,
+        "rounding" if only its whole cell may; "marks" if only the nodes around or the true sets refuse it.
     short : float
         By how much, below 0: on a grid the level-set value, turned; for a certified table the least that the set's
-        level-set function may be, the way past the end, or the share of the image's cells not certified.
+        function may be, the way past the end, or the share of cells not certified.
     says : str
         The same in words.
     """
@@ -73,17 +72,14 @@ class Explanation:
 
 
 def tube_in_words(table: Any, step: int, within: int) -> str:
-    """Which tube it is, in words after "the tube": "for step 2 with 3 steps to go", or "for ever"."""
+    """Words after "the tube": "for step 2 with 3 steps to go", or "for ever"."""
     if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"
 
 
 def why_refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
-    """A sentence if a state (1, ndim) is off the grid, in an unsafe set or, with within = 0, outside the target; or "".
-
-    By the level-set functions alone; sets that are unsafe under some inputs only are left out.
-    """
+    """Why a state (1, ndim) is, by the level-set functions alone, in no tube, as a sentence; else ""."""
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
         return "The state is off the grid."
@@ -129,7 +125,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
 
 
 def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
-    """For each input the largest value of the next tube at P points, relative to the state, where it may lead: (L,)."""
+    """For each input the largest value of the next tube where it may lead: (L,)."""
     points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
 
@@ -144,7 +140,7 @@ def _failure(
     margin: float,  # of the next tube
     ends: FloatArray,
 ) -> Failure:
-    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked; in this order."""
+    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked."""
     if hazard > 0:
         name, when = _nearest(table, state, j, ends, step)
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
@@ -158,7 +154,7 @@ def _failure(
 
 
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
-    """The unsafe set, or the unsafe end of an axis, that input j comes nearest to, by name, and when, s."""
+    """The unsafe set, or the unsafe end of an axis, that input j comes nearest to, and when, s."""
     problem, grid = table.problem, table.grid
     # by level-set value, or distance to an end, on straight lines from the state to `ends` (P, ndim)
     best = np.inf, "the unsafe ends of the grid", 0.0

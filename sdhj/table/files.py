@@ -52,10 +52,7 @@ class TableFileError(ValueError):
 
 @contextmanager
 def replaced_whole(path: Named) -> Iterator[Path]:
-    """A context with a temporary path, whose file replaces that of `path` at the end unless there is an error.
-
-    No incomplete file is ever visible, not even after a crash: the file is flushed to the disk before it is renamed.
-    """
+    """A context with a temporary path, whose file replaces that of `path` at the end unless there is an error."""
     path = _regular_path(path)
     with _temporary(path) as temporary:
         try:
@@ -94,14 +91,14 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: Named) -> Path:
-    """The path of a file, links followed, after trying that a file can be written in its folder."""
+    """The path of a file, links followed, that can be written."""
     path = _regular_path(path)
     require_writable(path.parent, path.name)
     return path
 
 
 def _regular_path(path: Named) -> Path:
-    """The path of a regular file, or of nothing yet, that a name refers to, links followed; else OSError."""
+    """The path of a regular file, or of nothing yet, links followed; else OSError."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
@@ -120,13 +117,13 @@ def _regular_path(path: Named) -> Path:
 
 
 def require_writable(folder: Path, name: str = "probe") -> None:
-    """Raise OSError, with a message that says what to do, if a file cannot be written in a folder."""
+    """Raise OSError, which says what to do, if a file cannot be written in a folder."""
     with _temporary(folder / name):
         pass
 
 
 def unwritable_error(folder: Path, error: OSError) -> OSError:
-    """An OSError, for the caller to raise, that says that a folder cannot be written, why, and what to do."""
+    """An OSError that says that a folder cannot be written, why, and what to do."""
     why = error.strerror or error
     return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
 
@@ -149,7 +146,7 @@ def write_table(path: Named, table: Table, arrays: Mapping[str, FloatArray], com
 
 
 def finish_folder(folder: Path, head: Mapping[str, Any], shapes: Mapping[str, tuple[str, tuple[int, ...]]]) -> None:
-    """Make a folder of arrays, which `container.begin_array` began, a table: it gets its problem.json, last of all."""
+    """Make a folder of arrays a table: it gets its problem.json, last of all."""
     text = head_text(head, stated_in(folder, shapes))  # files that were begun longer are cut
     with replaced_whole(folder / HEAD) as temporary:
         temporary.write_bytes(text)
@@ -168,13 +165,13 @@ def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any
 
 
 def read_head(path: Named) -> dict[str, Any]:
-    """The head of a table's file, as `checked_head` returns it; the errors are those of `sdhj.load`."""
+    """The head of a table's file; the errors are those of `sdhj.load`."""
     with opened_table(path) as (head, _):
         return head
 
 
 def read_array(file: Contents, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
-    """An array of a file, read-only, if it has one of the dtypes `kinds`, this shape, and at most `most` bytes."""
+    """An array of a file if it has one of the dtypes `kinds`, this shape, and at most `most` bytes."""
     one = file.stated.get(name)
     if one is None:
         raise ValueError(f"it contains no array {name}")
@@ -186,16 +183,16 @@ def read_array(file: Contents, name: str, kinds: str, shape: Lengths | None, mos
 
 
 def fits(found: tuple[int, ...], shape: Lengths) -> bool:
-    """Whether the shape `found` is allowed: `shape` has for each axis the length, or a set of lengths."""
+    """Whether a shape is allowed: `shape` has for each axis the length, or a set of lengths."""
     allowed = [one if isinstance(one, set) else {one} for one in shape]
     return len(found) == len(allowed) and all(n in some for n, some in zip(found, allowed, strict=True))
 
 
 @contextmanager
 def opened_table(path: Named, check: bool | None = None) -> Iterator[tuple[dict[str, Any], Contents]]:
-    """A context with the head of a table's file or folder, as `checked_head` returns it, and its arrays.
+    """A context with the checked head of a table's file or folder, and its arrays.
 
-    Whatever goes wrong, also inside the context, becomes one of the errors that `sdhj.load` promises.
+    Whatever goes wrong, also inside, becomes one of the errors that `sdhj.load` promises.
     """
     path = _table_path(path)
     if not isinstance(check, bool | None):
@@ -230,7 +227,7 @@ def _table_path(path: Named) -> Path:
 
 
 def _no_table(path: Path) -> str:
-    """Why a file or a folder is no table, as far as its first bytes say, and what to do."""
+    """Why a file or a folder is no table, by its first bytes, and what to do."""
     file, begin = path / HEAD if path.is_dir() else path, b""
     with suppress(OSError), open(file, "rb") as stream:
         begin = stream.read(400)
@@ -246,14 +243,14 @@ def _no_table(path: Path) -> str:
 
 
 def require_entries(head: Mapping[str, Any], file: Contents) -> None:
-    """Check that the index of a file has as many entries as its steps take, before anything is made for so many."""
+    """Check that a file's index has as many entries as its steps take, before anything is made for so many."""
     shape, steps = (file.stated["index"].shape if "index" in file.stated else ()) or (0,), head["steps"]
     if shape[0] not in (allowed := {1, steps + 1, entry(steps, steps, 0) + 1}):
         raise ValueError(f"its array index must have {' or '.join(map(str, sorted(allowed)))} entries, got {shape[0]}")
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """A copy of the head of a file with its values checked and converted: `Grid`, `Sensing`, inputs (L, m)."""
+    """A copy of the head with its values checked and converted: `Grid`, `Sensing`, inputs (L, m)."""
     # what does not fit raises errors of many kinds, which `opened_table` translates
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
@@ -275,7 +272,7 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 
 def arrays_in(file: Contents) -> dict[str, FloatArray]:
-    """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0"."""
+    """The arrays of formulas and of black boxes in a file, by names such as "tables/0"."""
     found: dict[str, FloatArray] = {}
     for group in ("tables/", "opaque/"):
         left = MOST_TABLES
@@ -288,7 +285,7 @@ def arrays_in(file: Contents) -> dict[str, FloatArray]:
 def problem_of_file(
     path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem that the head and the arrays of a file describe; or `problem`, if it is given and is the same."""
+    """The problem that head and arrays describe, or `problem`, if it is given and the same."""
     if head["digest"] != (found := digest_of(head["told"], arrays)):
         raise TableFileError(
             f"{path} was changed after it was written: its head names the problem {head['digest'][:12]}..., and what "
@@ -313,13 +310,13 @@ def problem_of_file(
 
 
 class Origin:
-    """The file or folder that a table's arrays are mapped from: as which the table is pickled, while it is there."""
+    """The file or folder that a table's arrays are mapped from, as which it is pickled."""
 
     def __init__(self, path: Path, sha256: str) -> None:
         self.path, self.sha256 = Path(os.path.abspath(path)), sha256
 
     def reduced(self, table: Any) -> Any:
-        """How pickle makes the table again: from the file, and the problem if it has black boxes; None without it."""
+        """How pickle makes the table again: from the file, and the problem if it has black boxes."""
         try:
             unchanged = Contents(self.path).sha256 == self.sha256
         except (OSError, ValueError, LookupError, TypeError):
@@ -331,7 +328,7 @@ class Origin:
 def table_in(
     kind: Any, path: Named, head: dict[str, Any], file: Contents, problem: ReachAvoidProblem | None, player: Any
 ) -> Any:
-    """The table of a class in an open file: its `read` makes it; errors as from `sdhj.load`."""
+    """The table of a class in an open file; errors as from `sdhj.load`."""
     require_entries(head, file)
     packed = any(one.packed for one in file.stated.values())
     fields = {"player": player, "mapped_from": None if packed else Origin(file.path, file.sha256)}
@@ -339,7 +336,7 @@ def table_in(
 
 
 def reopened(kind: Any, path: Path, sha256: str, problem: ReachAvoidProblem | None, player: Any) -> Any:
-    """The table that was pickled as the name of its file; TableFileError if that has another content now."""
+    """The table that was pickled as the name of its file, unless that has another content now."""
     with opened_table(path) as (head, file):
         if file.sha256 != sha256:
             raise TableFileError(f"{path} has changed since the table was pickled as its name; load it anew")

@@ -14,8 +14,8 @@ from sdhj.table.batches import Batch
 class Candidates:
     """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
 
-    A rule is a function of it that returns a score (P,) for each pair; of each state the input of least score is taken.
-    It is given to `sdhj.Controller`, which raises ValueError where it returns something else.
+    A rule is a function of it that returns scores (P,); of each state the input of least score is taken. It is given to
+    `sdhj.Controller`.
 
     Attributes
     ----------
@@ -27,9 +27,9 @@ class Candidates:
     rows, inputs : (P,) int array
         Index of the state in the batch, and of the input in problem.inputs.
     states, steps_to_go, margins : (P, ndim), (P,) int and (P,) arrays
-        As in `Batch`; all margins are <= 0, since all of these inputs are safe.
+        As in `Batch`.
     before : (P,) int array
-        Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
+        Index of the input held until now; -1 where none is known.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 
@@ -63,12 +63,12 @@ class Candidates:
 
     @property
     def margins(self) -> FloatArray:
-        """The largest value of the next tube that the adversary can bring about, for each pair: (P,), new."""
+        """The largest value of the next tube that the adversary can bring about: (P,), new."""
         return self.batch.margins[self.batch.safe]  # so the candidates must be all of the safe inputs, in order
 
     @property
     def successors(self) -> FloatArray:
-        """Where the inputs lead in one interval without a disturbance, clipped to the grid: (P, ndim), new."""
+        """Where inputs lead in one interval without a disturbance, clipped to the grid: (P, ndim), new."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
         return self.problem.grid.clipped(moved)

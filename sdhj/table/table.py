@@ -37,15 +37,14 @@ from sdhj.table.files import read_array, write_table
 class AvoidTubes(ReadOnly):
     """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
 
-    A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there. The arrays become read-only.
+    A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there.
 
     Attributes
     ----------
     static_axes, moving_axes : tuple of int
-        The axes of the grid on which the tubes that are the same at all steps, and those that differ, depend,
-        ascending.
+        The axes on which the tubes that are the same at all steps, and those that differ, depend.
     static : (L, *subgrid of static_axes)
-        -inf where there is no such unsafe set: safe everywhere.
+        -inf where there is no such unsafe set.
     moving : (steps, L, *subgrid of moving_axes)
     """
 
@@ -59,7 +58,7 @@ class AvoidTubes(ReadOnly):
 
 
 def entries(steps: int) -> FloatArray:
-    """Every pair (start, within) of a table of so many steps, in the order of `entry`: (entries, 2) int64."""
+    """Every pair (start, within) of a table of so many steps, in the order of `entry`: (entries, 2)."""
     return np.column_stack(np.nonzero(np.tri(steps + 1, dtype=bool)[::-1]))
 
 
@@ -67,25 +66,24 @@ def entries(steps: int) -> FloatArray:
 class LookupTable(Table):
     """A solved problem on a grid: all tubes, and the inputs that are safe and make progress in them (Fig. 8).
 
-    `sdhj.solve` and `sdhj.load` make one; nobody else needs to. `start` and `within` select a tube, by default that of
-    all steps from 0: (start=k, within=n), S_k^{N-n} in the paper, holds the states from which the target is reached
-    safely (without a target: those that stay clear) in at most n of the N - k steps that are left at step k.
-    All methods raise ValueError where an argument does not fit.
+    `sdhj.solve` and `sdhj.load` make one. `start` and `within` select a tube, by default that of all steps from 0:
+    (start=k, within=n), S_k^{N-n} in the paper, holds the states from which the target is reached safely (without a
+    target: those that stay clear) in at most n of the N - k steps that are left at step k. All methods raise ValueError
+    where an argument does not fit.
 
     Attributes
     ----------
     problem, method : ReachAvoidProblem, str
-        What was solved, and by which method.
     index : (entries,) int64
-        For each (start, within), one row k after the other, the number of its stored tube: equal ones are stored once.
+        For each (start, within) the number of its stored tube.
     tubes : (T, *grid.shape)
         The level-set functions of the T stored tubes, <= 0 inside.
     marks : (T, ceil(L / 8), nodes) uint8
-        The inputs that are marked at each node: bit j % 8 of byte j // 8 stands for u_j.
+        Bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
-        For each input the states from which it stays clear of the unsafe sets over one interval.
+        Where each input stays clear over one interval.
     details : mapping
-        Options of the method and statistics of the solve.
+        Options and statistics of the solve.
 
     Examples
     --------
@@ -114,7 +112,7 @@ class LookupTable(Table):
     # ---- at the nodes
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The tube (start, within) as it is stored, no copy, grid.shape: users get a read-only view, by `values`."""
+        """The tube (start, within) as it is stored, no copy, grid.shape."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
@@ -132,8 +130,8 @@ class LookupTable(Table):
         Returns
         -------
         array of shape grid.shape
-            <= 0 inside; a read-only view. These are the computed values, which are interpolated between the nodes;
-            `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
+            <= 0 inside; a read-only view. `contains` and `batch` also check the true sets. With `Sensing`, the states
+            are predictions.
 
         Examples
         --------
@@ -148,8 +146,8 @@ class LookupTable(Table):
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are safe and make progress at each node: a mask, bool of shape grid.shape + (L,), new.
 
-        It is True for u_j at a node from which, applied over the interval from `start`, the input avoids the unsafe
-        sets and ends in the tube (start + 1, within - 1), whatever the adversary does. With within = 0 all are False.
+        True where the input avoids the unsafe sets over the interval from `start` and ends in the tube (start + 1,
+        within - 1), whatever the adversary does.
 
         Parameters
         ----------
@@ -168,28 +166,28 @@ class LookupTable(Table):
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim) are in a tube: interpolated value <= 0; with sensing in all of the box E."""
+        """Whether points (M, ndim) are in a tube, interpolated; with sensing in all of the box E."""
         return largest_in_error_box(self.problem, self.value_array(start, within), points) <= 0
 
     def _share(self, start: int, within: int) -> float:
-        """The share, 0 to 1, of the grid's volume in a tube, by nodes; with sensing of the tube eroded by E."""
+        """The share of the grid's volume in a tube, by nodes; with sensing of the tube eroded by E."""
         return self.grid.fraction(eroded_by_error(self.problem, self.value_array(start, within)) <= 0)
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the tubes, the marks and the avoid tubes take in memory."""
+        """Bytes that tubes, marks and avoid tubes take in memory."""
         return sum(a.nbytes for a in (self.index, self.tubes, self.marks, self.avoid.static, self.avoid.moving))
 
     # ---- between the nodes
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """The avoid tubes of a step, interpolated at states (M, ndim): (M, L), a new array."""
+        """The avoid tubes of a step, interpolated at states: (M, L), new."""
         out = np.empty((len(states), len(self.problem.inputs)))
         avoid_values(states, step, *self.tape_at(step), *self._stored[3:], out)
         return out
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """The values of tubes interpolated at points (M, V, ndim): (M, V); row m is of the tube (step, within[m])."""
+        """The values of tubes interpolated at points (M, V, ndim): (M, V)."""
         out = np.empty(points.shape[:2])
         places = self.index[entry(self.steps, step, 0) + within]
         tube_values(points, places, self._stored[1], *self.tape_at(step), out)
@@ -222,17 +220,17 @@ class LookupTable(Table):
 
     @kept
     def _tapes(self) -> Any:
-        """What `tapes_of` returns for the problem; `NO_TAPES` where a set is a black box."""
+        """`tapes_of` the problem; `NO_TAPES` where a set is a black box."""
         return tapes_of(self.problem) if self._all_formulas else NO_TAPES
 
     @kept
     def _axes(self) -> Any:
-        """The axes of the static and of the moving avoid tubes, two int64 arrays."""
+        """The axes of the static and of the moving avoid tubes."""
         return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
     @cached_property
     def _stored(self) -> tuple[FloatArray, ...]:
-        """The arrays that compiled look-ups read, in the order of `StoredTubes`: read-only views, nodes in one axis."""
+        """The arrays of `StoredTubes`: read-only views, nodes in one axis."""
         inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
         static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
         return read_only(tuple(one.view() for one in (self.index, tubes, self.marks, static, moving)))  # one signature
@@ -240,22 +238,19 @@ class LookupTable(Table):
     # ---- on disk
 
     def save(self, path: str | os.PathLike[str], compress: bool = False) -> None:
-        """Write the table to a file of NumPy arrays, which `numpy.load` opens, too; replaces it, whole or not at all.
+        """Write the table to a file, which `numpy.load` opens, too, whole or not at all.
 
         Parameters
         ----------
         path : path
             Of the file; by custom it ends in .npz.
         compress : bool
-            Whether to pack the arrays, to a fifth or so: it takes longer, and they are then not mapped by `sdhj.load`
-            but unpacked into memory.
+            Whether to pack the arrays, to a fifth or so; `sdhj.load` then unpacks them into memory.
 
         Raises
         ------
         OSError
             If the file cannot be written.
-        ValueError
-            If `compress` is neither True nor False.
 
         Examples
         --------
@@ -275,7 +270,7 @@ class LookupTable(Table):
 
     @classmethod
     def read(cls, head: Mapping[str, Any], file: Contents, problem: ReachAvoidProblem, **fields: Any) -> Self:
-        """The table of this problem in an open file, with its checked head and further `fields` of the class."""
+        """The table of this problem in an open file, with its checked head."""
         index = read_array(file, "index", "int64", (len(entries(problem.most_steps)),))
         return cls.of_arrays(head, partial(read_array, file), index, problem, **fields)
 
@@ -283,7 +278,7 @@ class LookupTable(Table):
     def of_arrays(
         cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
     ) -> Self:
-        """The table whose arrays `stored(name, dtypes, shape)` reads, from a file or a store, as `read_array` does."""
+        """The table whose arrays `stored(name, dtypes, shape)` reads, from a file or a store."""
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
             raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")
@@ -307,7 +302,7 @@ class LookupTable(Table):
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
-    """The numbers of axes of a grid that a file lists, checked to be ascending, as a tuple of int."""
+    """The numbers of axes that a file lists, checked to be ascending."""
     found = axis_numbers(axes, name)
     if list(found) != sorted(set(found) & set(range(grid.ndim))):
         raise ValueError(f"the axes of {name} must be ascending axes of the grid, got {found}")

@@ -64,8 +64,7 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof of an arm's problem, with all that depends on no set; `allowed` is that of `clear_of_obstacles`.
 
-        ValueError for lengths or speeds beyond `LONGEST` and for more than `MARKED_STEPS` steps, MemoryError where it
-        does not fit into memory.
+        ValueError for lengths or speeds beyond `LONGEST` and for more than `MARKED_STEPS` steps.
         """
         stage, count = scene(problem), len(problem.inputs)
         arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.hold(problem.delta)[0]
@@ -162,7 +161,7 @@ class ArmProof(Proof):
 
     @property
     def entry_in_head(self) -> dict[str, Any]:
-        """The proof's part of a file's head, which `load` is handed again: {"parts": the parts of an interval}."""
+        """The proof's part of a file's head: the parts of an interval."""
         return {"parts": self.parts}
 
     @property
@@ -176,8 +175,7 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof whose array is in an open file.
 
-        ValueError where the parts, or the size or the type of the data set, do not fit the problem and its cells;
-        ValueError and MemoryError as from `ArmProof.of`. The bits are not checked.
+        The bits are not checked.
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
         packed = read_array(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
@@ -220,8 +218,7 @@ class ArmProof(Proof):
     def goal(self, step: int) -> FloatArray:
         """S_k^0 for k = step, (n1 n2, W) uint64: cells inside the target and outside the unsafe sets at t_k.
 
-        From every state whose prediction is in the cell. Inside the target means that the tip is over the evader or, if
-        the agent is a pursuer, over the target's disk.
+        From every state whose prediction is in the cell: the tip is over the evader or the target's disk.
         """
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
@@ -260,9 +257,9 @@ def clear_of_obstacles(
 ) -> FloatArray:
     """Whether the arm is proved to stay clear of the obstacles from each cell of the joints: (steps, L, n1, n2) bool.
 
-    For every time of an interval of length `delta`, s, from every state whose prediction is in the cell. `times` (2^(h
-    + 1) + 1, steps), s, cut each step's interval evenly; to find the proof it is halved h times at most. `velocities`
-    (2, L, 2) are the least and the greatest of both joints under each input, rad/s.
+    For every time of an interval of length `delta`, from every state whose prediction is in the cell. `times` (2^(h +
+    1) + 1, steps) cut each step's interval evenly, to halve it h times. `velocities` (2, L, 2) are the least and the
+    greatest of both joints.
     """
     stage, jitter = scene(problem), problem.sensing.jitter
     out = np.ones((times.shape[1], velocities.shape[1], axes[0].count, axes[1].count), np.bool_)

@@ -58,37 +58,35 @@ def verify(
     path : path
         The file that `table.save` wrote.
     problem : ReachAvoidProblem, optional
-        For a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
-        else is in the file, and is not compared with the problem: `sdhj.load(path, problem=...)` does that first.
+        For black boxes, whose functions are not in the file. All else is not compared with it: `sdhj.load(path,
+        problem=...)` does that.
     everywhere : bool
-        Whether moves and clear inputs are proved of all cells, too; by default of those that are promised, which some
-        set has with a step to go. The others serve who has lost his promise (`fallback`, `hazards`, `filter`). Of an
-        arm all are, always.
+        Whether moves and clear inputs are proved of all cells, too; by default of those that are promised. The others
+        serve who has lost his promise (`fallback`, `hazards`, `filter`). Of an arm all are.
     samples : int or None
-        How many rows are drawn at random, each checked with all its claims; None checks every row. For a robot of one's
-        own: how many cells.
+        How many cells, of an arm rows, are drawn at random; None checks all.
     seed : int
-        Of what is drawn, at least 0.
+        Of what is drawn.
     progress : bool, optional
-        Whether to show progress bars; by default where standard error is a terminal.
+        By default where standard error is a terminal.
     exported : path, optional
-        The folder of an export of these sets, or the `sdhj_table.bin` in it: checks as well that every word of it is
-        within what is proved of the sets (`words`).
+        The folder of an export of these sets, or its `sdhj_table.bin`: every word of it has to be within what is proved
+        (`words`).
 
     Returns
     -------
     Verdict
-        All claims, with what was not proved of each; `ok` if nothing failed. And the problem as it was read.
+        All claims, with what was not proved, and the problem as it was read.
 
     Raises
     ------
     ValueError
-        Where the file holds no certified sets, is damaged, or has numbers that are too large for the check; where it
-        needs a problem that is not given; and for samples or a seed that make no sense.
+        Where the file holds no certified sets, is damaged, has numbers that are too large for the check, or needs a
+        problem that is not given.
     OSError
         Where the file cannot be read.
     MemoryError
-        Where more memory is needed than is free, before any is taken.
+        Where more memory is needed than is free.
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)

@@ -87,9 +87,8 @@ Bar = Callable[[Iterable[Any], str, int], Iterable[Any]]
 class Tubes(NamedTuple):
     """How far the ends of the boxes at some places move under an input in one interval, rounded outward.
 
-    rows (places,) : by the number of a place its column here. swept (parts, 2, ndim, P) : the farthest in each part.
-    whole (2, ndim, P) : the farthest in all of it. last (2, ndim, P) : at the end, whenever that is, to what is then
-    predicted or carried on.
+    rows (places,) : the column of a place. swept (parts, 2, ndim, P) : the farthest in each part. whole (2, ndim, P) :
+    in all of it. last (2, ndim, P) : at the end, to what is then predicted or carried on.
     """
 
     rows: Array
@@ -101,8 +100,8 @@ class Tubes(NamedTuple):
 class Clear(NamedTuple):
     """What a file says of inputs that are clear of some unsafe sets and unsafe ends, by cells of some axes.
 
-    own (ndim,) bool : these axes; cells that differ on others are alike. parts : the unsafe sets. ends (ndim,) bool :
-    the axes whose unsafe ends are asked about. bits (starts, cells, bytes) uint8 : an input is a bit.
+    own (ndim,) bool : these axes. ends (ndim,) bool : the axes whose unsafe ends are asked about. bits (starts, cells,
+    bytes) uint8 : an input is a bit.
     """
 
     own: Array
@@ -121,10 +120,7 @@ def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
-    """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,) bool.
-
-    Along one after the other, each `depth` times; what is open then counts as not proved.
-    """
+    """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,) bool."""
     axes = np.flatnonzero(along)
     out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth * axes.size)]
     while left:
@@ -152,7 +148,7 @@ def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Arr
     """For which cells, of those that are True in `some`, it is not proved that something holds; bool as `some`.
 
     Tiles of cells that move alike are looked at first, in one box each, then smaller ones, and where it is open cell by
-    cell. holds : as of `Argument.questions`. tiles : how many cells they have along each axis.
+    cell.
     """
     open_ = np.ones((1,) * some.ndim, np.bool_)
     while True:
@@ -211,10 +207,7 @@ class Argument:
         return self.together(MOST_INPUTS) * each
 
     def together(self, tasks: int) -> int:
-        """How many tasks are looked at together: as many as there are cores, but one where users' functions are called.
-
-        Fewer of many cells, so that they fit into memory.
-        """
+        """How many tasks are looked at together: as many as there are cores, one where users' functions are called."""
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         most = max(MOST_CELLS // math.prod(self.counts.tolist()), 1)
         return 1 if self.problem.trusted else min(cores, tasks, most)  # what users wrote may not bear it
@@ -281,8 +274,7 @@ class Argument:
     def read_clear(self, stated: Any, given: Array) -> None:
         """Read from which cells inputs are clear, for each unsafe set and unsafe end by cells of the axes it names.
 
-        On these nothing else may be read: how far a tube reaches along the axes of a set, or before it has left over a
-        safe end, depends on these axes and on all coordinates that velocities along them read.
+        How far a tube reaches along these depends on them and on all coordinates that velocities along them read.
         """
         robot, begin, self.clear = self.problem, 0, list[Clear]()
         ends = np.logical_or(*self.unsafe.T)
@@ -381,8 +373,7 @@ class Argument:
     def alike_along(self, k: int, beyond: Fraction) -> bool:
         """Whether all cells along an axis of no place move alike: as wide, and a wall holds back what has one velocity.
 
-        A state that a wall holds back is then where it would be without the wall, clipped. beyond : how much longer
-        than the axis its cells are together.
+        A state that a wall holds back is then where it would be without the wall, clipped.
         """
         if self.problem.periodic[k]:
             return abs(beyond) <= STICKS * self.scale[k]
@@ -462,7 +453,7 @@ class Argument:
         """How far the ends of the boxes at places (M,) move under u_j in the interval from a step: swept, and last.
 
         As `Tubes` has them. With these added a box holds all that can be reached, whatever the adversary does; infinite
-        where no such box is found. pieces : of each part.
+        where no such box is found.
         """
         robot, at = self.problem, self.boxes(places)
         hold = (self.walls & self.known[:, None]).T[:, :, None]
@@ -500,8 +491,6 @@ class Argument:
         up to h, stays inside. Then each end moves with the extreme velocity in the enclosure, or along axes whose
         velocity depends on their own coordinate with that in the face of the enclosure that the end passes (Mueller): a
         state is beyond the end only if it was on it before, and was faster there.
-
-        box (2, ndim, M) : the ends as the piece begins. moved : how far they had moved. far : a guess of what is added.
         """
         known, h = self.known[:, None], h * (1 + 1e-15)
         some, rounded = OUT * 0.1 * self.near[:, None], ROUNDED * self.scale[:, None]
@@ -535,7 +524,7 @@ class Argument:
     def moves_hold(self, places: Array, start: int, j: int, last: Array) -> Array:
         """Whether all that cells at places (M,) are led to under u_j lies in the cells that the file says: (M,) bool.
 
-        last (2, ndim, M) : how far ends move. An image may stick out by `STICKS`.
+        An image may stick out by `STICKS`.
         """
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places, self.strides), STICKS * self.scale
         for k, (lower, width, least, most) in enumerate(self.axes):
@@ -566,7 +555,7 @@ class Argument:
         """How far ends move to the points that a controller with memory goes on with: (2, ndim, M).
 
         They are E inside of what the state is led to, or its middle where that is empty; all of it where it lies in the
-        layer at a wall, and only there in a layer. at : the boxes. last : how far the ends of what is reached moved.
+        layer at a wall, and only there in a layer.
         """
         robot, near, sticks = self.problem, self.near[:, None], STICKS * self.scale[:, None]
         less = last - OUT * self.off[:, None]
@@ -583,9 +572,8 @@ class Argument:
     def far_off(self) -> list[str]:
         """The inputs under which a prediction may be off by more than the file says, E, after the delay.
 
-        What is measured is moved on in strides by undisturbed velocities, at points no farther from where the stride
-        began than the fastest state gets meanwhile. It stays within E if delay * |velocity - undisturbed velocity|
-        is at most E less the error of a measurement, wherever state and prediction are within E.
+        What is measured is moved on in strides by undisturbed velocities. It stays within E if delay * |velocity -
+        undisturbed velocity| is at most E less the error of a measurement, wherever state and prediction are within E.
         """
         robot, wrong, stride = self.problem, list[str](), self.problem.delay / STRIDES
         places = np.arange(self.low.shape[2])
@@ -617,8 +605,7 @@ class Argument:
 
         Clear of the unsafe ends and the sets of `one` that are unsafe under u_j; what has wholly left over a safe end
         is out of danger. There are counts along the axes of `one`, and 1 along the others, on which cells are alike:
-        tubes are those of the first. Cells that differ only on axes that play no part in a question are asked about
-        once.
+        tubes are those of the first.
         """
         bad = np.zeros_like(asked)
         for axes, holds in self.questions(one, step, j, tubes):
@@ -666,10 +653,7 @@ class Argument:
         return good
 
     def misses_in_parts(self, part: Part, cells: Array, cuts: list[float], late: float, tubes: Tubes) -> Array:
-        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool.
-
-        cuts : when parts begin and end, s. late : by how much that may be off.
-        """
+        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool."""
         good, there = np.ones(cells.shape[1], np.bool_), self.not_gone(cells, tubes)
         ends, rows = self.ends(cells, 2 * self.near), self.rows_of(cells, tubes)
         for number, (begin, end) in enumerate(pairwise(cuts)):
@@ -755,7 +739,7 @@ class Argument:
     def not_nearer(self, step: int, within: int, chosen: Array) -> "Count":
         """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or into the target itself, counted.
 
-        With a target only of cells that S_k^{n-1} has not. chosen : (cells,) bool, those that are looked at.
+        With a target only of cells that S_k^{n-1} has not.
         """
         new = self.bits(step, within)
         if self.problem.target is not None:
@@ -773,7 +757,7 @@ class Argument:
     def leads(self, numbers: Array, step: int, j: int, all_in: AllIn) -> Array:
         """Whether u_j is clear from cells with flat numbers (M,) and leads all of each into a set, or into the target.
 
-        What has wholly left over a safe end by a cell counts as in the set. all_in : tells which boxes are in the set.
+        What has wholly left over a safe end by a cell counts as in the set.
         """
         cells, out = np.array(np.unravel_index(numbers, self.counts)), np.ones(len(numbers), np.bool_)
         for one in self.clear:
@@ -814,7 +798,7 @@ class Argument:
     def all_in(self, sums: Any, first: Array, past: Array) -> Array:
         """Whether all cells of boxes from first to past (ndim, M) are in a set: as many of them as there are.
 
-        Boxes end with the grid, and go around where an axis closes. sums : of the set.
+        Boxes end with the grid, and go around where an axis closes.
         """
         below, size = [np.zeros(first.shape[1], np.int64)], np.ones(first.shape[1], np.int64)
         for k, (n, a, b) in enumerate(zip(self.counts.tolist(), first, past, strict=True)):
@@ -846,8 +830,8 @@ class Argument:
     ) -> Iterator[Claim]:
         """Yield all claims, checked. Only the first where cells do not cover the axes.
 
-        every : what the file says of cells that are not promised as well. samples : so many cells, drawn by `seed`, in
-        place of all; what needs whole arrays is checked whole. bar : called with an iterable to show how far it is.
+        every : also of cells that are not promised. samples : so many cells in place of all; what needs whole arrays is
+        checked whole.
         """
         wrong = self.uncovered()
         yield Claim(COVER, self.problem.ndim, self.problem.ndim, wrong)

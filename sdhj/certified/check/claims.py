@@ -20,11 +20,9 @@ COVER, PREDICTED, MOVES, CLEAR, ARRIVE, GROW, GOALS, NEARER = (
 class Claim:
     """One kind of claim: how many of these a file makes, how many were checked, and which were not proved.
 
-    name : what is claimed.
-    made, checked : numbers of claims.
     failures : a text for each claim that was not proved, or for the first ones where `number` says how many there are.
-    number : how many were not proved; None: as many as there are `failures`.
-    boundary : how many of the cells of which a claim is made, and of those checked, have a neighbour outside their set;
+    number : how many were not proved; None: as many as there are `failures`. boundary : how many of the cells of which
+    a claim is made, and of those checked, have a neighbour outside their set;
         None where that means nothing.
     beside : how many the file says besides, of cells of which nothing is promised; they were not looked at.
     """
@@ -56,7 +54,7 @@ class Claim:
 class Verdict:
     """The result of `verify`: all claims of a file, with what was checked and what was not proved of each.
 
-    claims : a `Claim` for each kind. problem : the problem as the checker read it, in words and formulas.
+    problem : the problem as the checker read it, in words and formulas.
     """
 
     claims: tuple[Claim, ...]

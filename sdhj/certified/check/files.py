@@ -44,7 +44,7 @@ class Stated:
     """What the head states of an array: dtype, shape, SHA-256, and of a packed one size and SHA-256 as it is packed."""
 
     def __init__(self, name: str, entry: Any) -> None:
-        """Read an entry of the head; ValueError where it is not one of an array that may be."""
+        """Read an entry of the head, refused where it is not one of an array that may be."""
         self.kind, self.shape, self.sha256 = entry["dtype"], tuple(entry["shape"]), entry["sha256"]
         packed: Any = entry.get("packed") or (None, self.sha256)
         self.packed, own = packed
@@ -65,16 +65,10 @@ class Stated:
 
 
 class Arrays:
-    """The arrays of an open file or folder, whose digests are right; each is mapped, or unpacked when it is asked for.
-
-    head : the content of problem.json, a dict, but "arrays". stated : by name what is stated of each array.
-    """
+    """The arrays of an open file or folder, whose digests are right, mapped, or unpacked when asked for."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read a file or folder and compare all of its bytes; `Damaged` where one is not what was written.
-
-        ValueError and others where the head is no head; OSError where something cannot be read.
-        """
+        """Read a file or folder and compare all of its bytes; `Damaged` where one is not what was written."""
         folder = os.path.isdir(path)
         image = mapped(os.path.join(path, "problem.json") if folder else os.path.realpath(path))
         begin, size = (0, len(image)) if folder else first_of_zip(image)
@@ -176,10 +170,7 @@ def first_of_zip(image: memoryview) -> tuple[int, int]:
 
 
 def parts_of_zip(image: memoryview, text: bytes, stated: list[Stated]) -> Iterator[memoryview]:
-    """Yield the bytes of each array, as they lie; `Damaged` where a byte around them is not what was written.
-
-    text : the head's. stated : of the arrays, in the order of their names.
-    """
+    """Yield the bytes of each array, as they lie; `Damaged` where a byte around them is not what was written."""
     at, entries = 0, b""
     files: list[Any] = [("problem.json", len(text), None), *((one.file, one.size, one.packed) for one in stated)]
     for name, size, packed in files:

@@ -45,18 +45,10 @@ class Node:
 
 
 class Reader:
-    """Reads the lines of one function, once: `Reader(...).read(lines)`. ValueErrors name the line and the function.
-
-    nodes : those that are read. truths : the numbers of nodes that are truth values. line : the one being read.
-    """
+    """Reads the lines of one function, once: `Reader(...).read(lines)`. ValueErrors name the line and the function."""
 
     def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
-        """A reader for one function.
-
-        what : the function's name in errors.
-        coordinates, parameters : how many the function has.
-        tables : called with the number and the axes of a table for its values (`Tables`).
-        """
+        """A reader for one function."""
         self.what, self.tables, self.line = what, tables, ""
         self.leaves = {"x": coordinates, "p": parameters}
         self.nodes: list[Node] = []
@@ -68,10 +60,7 @@ class Reader:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
     def whole(self, word: str, below: int, of: str) -> int:
-        """A word of the line, at most six digits, as a whole number from 0 to below - 1.
-
-        Else ValueError, which calls the word `of`.
-        """
+        """A word of the line, at most six digits, as a whole number from 0 to below - 1."""
         self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
         return int(word)
 
@@ -89,10 +78,7 @@ class Reader:
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)
 
     def read(self, lines: Any) -> "Formula":
-        """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong.
-
-        lines : at most `MOST_LINES`, the last one `return`. To be called once for a reader.
-        """
+        """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong."""
         fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
@@ -111,8 +97,8 @@ class Reader:
     def node(self, name: str, words: list[str]) -> Node:
         """The node of one line: the operation `name`, and the words behind it. `mul n n` becomes a square.
 
-        ValueError for an unknown operation, for operands that are no earlier lines, or too few or too many, and where
-        truth values are needed and not given.
+        ValueError for an unknown operation, other operands than it has, and where truth values are needed and not
+        given.
         """
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
@@ -144,7 +130,7 @@ class Reader:
     def gridded(self, words: list[str]) -> Node:
         """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand.
 
-        The table is read with it; ValueError where something does not fit. words : those behind `gridded`.
+        ValueError where something does not fit.
         """
         axes = (len(words) - 3) // 3
         fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
@@ -161,7 +147,11 @@ class Reader:
 
 @dataclass(frozen=True)
 class Formula:
-    """A function as a tuple of nodes, each after its operands, and the numbers of those that are its results."""
+    """A function as a tuple of nodes, each after its operands, and the numbers of those that are its results.
+
+    Of each parameter the least and the greatest value is given; `sides` has, by the number of a node that jumps, 0 or 1
+    if only that side of its jump counts.
+    """
 
     nodes: tuple[Node, ...]
     results: tuple[int, ...]
@@ -210,8 +200,6 @@ class Formula:
         """By the number of a node its bounds if they are the same in all boxes: two numbers.
 
         Of nodes that read no coordinate, nor a parameter that is None here, and where nothing jumps.
-
-        numbers : for each parameter its least and greatest value, two numbers, or None.
         """
         found: dict[int, Interval] = {}
         nowhere = np.zeros((0, 0))
@@ -253,10 +241,6 @@ class Formula:
         """Yield bounds of each result over boxes (M, coordinates): pairs of arrays that broadcast to (M,).
 
         Both are NaN where nothing is known. All boxes are evaluated at once, with NumPy's warnings (`once`).
-
-        low, high : the boxes. parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
-        sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts. Other nodes count on
-            both.
         """
         numbers = tuple(None if np.ndim(a) else (float(a), float(b)) for a, b in parameters)
         values = dict(self.in_all_boxes(numbers))
@@ -273,11 +257,7 @@ class Formula:
 
     @staticmethod
     def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any, *side: int) -> Interval:
-        """The interval of one node over boxes [low, high] (M, coordinates), from the intervals of its operands.
-
-        parameters : for each a pair of its least and greatest value, numbers or arrays (M,). side : for a node that
-            jumps 0 or 1, if only one side of its jump counts; else nothing.
-        """
+        """The interval of one node over boxes [low, high] (M, coordinates), from the intervals of its operands."""
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
@@ -292,8 +272,6 @@ class Formula:
 
         NaN where nothing is known. Where results are closer on one side of the jumps of angles than on both, bounds are
         those of all sides together: what lies between the sides is no value.
-
-        parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
         """
         found = self.once(low, high, parameters, {})
         every = [dict(zip(self.jumps, sides, strict=True)) for sides in product((0, 1), repeat=len(self.jumps))]
@@ -306,11 +284,7 @@ class Formula:
         return found[0], found[1]
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
-        """Bounds (2, M, results) over boxes on given sides of the jumps, evaluated `self.boxes` boxes at a time.
-
-        low, high : the boxes, (M, coordinates). parameters : for each a pair of its least and greatest value, numbers
-            or arrays (M,). sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts.
-        """
+        """Bounds (2, M, results) over boxes on given sides of the jumps, evaluated `self.boxes` boxes at a time."""
         out = np.empty((2, len(self.results), len(low))).swapaxes(1, 2)
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
@@ -322,11 +296,7 @@ class Formula:
 
 
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
-    """Read the formula of a function; ValueError unless it is one of so many coordinates and parameters.
-
-    what : the function's name in errors. given : the head's entry for it, with "coordinates", "parameters" and "lines".
-    tables : called with the number of a table in the file, and of its axes, for the table's values.
-    """
+    """Read the formula of a function; ValueError unless it is one of so many coordinates and parameters."""
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
         expect(given[name] == count, f"{what} must have {count} {name}", given[name])
     return Reader(what, coordinates, parameters, tables).read(given["lines"])

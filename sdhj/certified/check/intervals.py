@@ -100,8 +100,6 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
     """The hull of the products, or quotients, of the ends of a and b, rounded outward but not across 0.
 
     An end stays at 0 where the signs of a and b tell on which side of 0 the result is.
-
-    of : `np.multiply` or `np.divide`; then b must not hold 0, which is not checked.
     """
     least, most = hull_at_corners(of, a, b)
     low, high = outward(least, most, least=TINY)
@@ -184,10 +182,7 @@ def pow_(a: Interval, b: Interval) -> Interval:
 def rising(
     function: Callable[[Array], Array], least: float = -math.inf, most: float = math.inf
 ) -> Callable[..., Interval]:
-    """The rule, from interval to interval, of a rising function f whose values lie from `least` to `most`.
-
-    function : f of an array, right up to `UNITS` of its value and `TINY`; NaN where it is undefined.
-    """
+    """The rule, from interval to interval, of a rising function f whose values lie from `least` to `most`."""
 
     def rule(a: Interval) -> Interval:
         """[f(low), f(high)] for an interval (low, high), rounded outward and clipped to [least, most]."""
@@ -328,10 +323,6 @@ def gridded(
     Rounded outward; NaN where an operand is. The extremes over a box are at points whose coordinates are ends of the
     box or nodes between: within one cell they are at corners. A box with more than `MOST_NODES` nodes is bounded by the
     least and the greatest value of blocks of nodes that cover it, of larger blocks for larger boxes.
-
-    operands : the intervals of the coordinates, one for each axis.
-    lower, spacing : of the nodes along each axis.
-    kept : a dict in which `at_blocks` keeps the extremes of blocks of this table; empty at first.
     """
     ends = []
     for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
@@ -354,10 +345,7 @@ def gridded(
 
 
 def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Group the columns of whole numbers (axes, M): yield each different column, a list, and its indices (m,).
-
-    Numbers must be at most `MOST_NODES` in size: larger ones could make different columns look the same.
-    """
+    """Group the columns of whole numbers (axes, M): yield each different column, a list, and its indices (m,)."""
     keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
     order = np.argsort(keys, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
@@ -368,11 +356,6 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
     """The least and the greatest value of a table's interpolant in boxes with so many nodes around them: (2, M).
 
     Widened by a bound on the rounding of the interpolation, by which `gridded` then widens once more.
-
-    sizes : the numbers of nodes along each axis, the same for all boxes.
-    low, high (axes, M) : the ends of the boxes, in units of nodes.
-    first (axes, M) : the first node around each box. Values at the first and the last node along an axis are replaced
-        by those at the ends of the box.
     """
     nodes = [own + np.arange(n)[:, None] for own, n in zip(first.astype(np.int64), sizes, strict=True)]
     shapes = np.where(np.eye(len(sizes), dtype=np.bool_), sizes, 1).tolist()
@@ -391,9 +374,6 @@ def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: In
     """The least and the greatest value of a table at the nodes in and around boxes, and some beside them: (2, M).
 
     By blocks of 2^-powers[axis] nodes along each axis, whose extremes are computed once and put into `kept`.
-
-    powers : for each axis a whole number <= 0, the same for all boxes. low, high (axes, M) : the ends of the boxes, in
-        units of nodes, within the table. kept : the extremes of blocks of this table, by their sizes.
     """
     blocks = tuple(1 << -power for power in powers)
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)

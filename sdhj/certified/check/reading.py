@@ -35,8 +35,7 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 def decimal(value: float) -> Fraction:
     """The fraction that a float most likely stands for: the shortest decimal, times a power of two, that rounds to it.
 
-    Powers from -40 to 40 are tried; the number itself if every such decimal has more than `FEW_DIGITS` digits. value :
-    finite.
+    Powers from -40 to 40 are tried; the number itself if every such decimal has more than `FEW_DIGITS` digits.
     """
     part, power = math.frexp(value)
     scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
@@ -45,7 +44,7 @@ def decimal(value: float) -> Fraction:
 
 
 def expect(fits: bool, what: str, given: Any) -> None:
-    """Raise ValueError("{what}, got {given}") unless `fits`; the text `what` says what was expected."""
+    """Raise ValueError("{what}, got {given}") unless `fits`."""
     if not fits:
         raise ValueError(f"{what}, got {reprlib.repr(given)}")
 
@@ -56,14 +55,14 @@ def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
 
 
 def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """A number of the head as a float; ValueError, calling it `name`, unless it is a number from `least` to `most`."""
+    """A number of the head, from `least` to `most`, as a float."""
     fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
     expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
     return float(value)
 
 
 def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[float]:
-    """A list of `count` numbers of the head as floats; ValueError, calling it `name`, unless all are >= `least`."""
+    """A list of `count` numbers of the head, all >= `least`, as floats."""
     expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)
     return [real(name, value, least) for value in values]
 
@@ -73,8 +72,7 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
     """A context with the head of a file or folder, a dict, and its arrays; all digests, the problem's too, are right.
 
     ValueError if the bytes are not those that were written, or the head names another problem than it describes; and in
-    place of any error that is raised inside the context. OSError without the file, MemoryError where its arrays do not
-    fit.
+    place of any error inside the context.
     """
     if not os.path.isfile(path) and not os.path.isdir(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
@@ -156,8 +154,6 @@ def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYT
 
     It is looked at before it is read: ValueError if it is no array of this kind and shape, or has more than `most`
     bytes.
-
-    file : the open file. name : of the array there.
     """
     one = file.stated.get(name)
     expect(one is not None and one.kind == np.dtype(kind).name, f"{name} must be an array of {np.dtype(kind)}", name)

@@ -42,10 +42,7 @@ class InMemory:
 
 
 def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: Any) -> tuple[int, int, list[str]]:
-    """How many claims were looked at, how many there are, and a text for each of the first that are not proved.
-
-    head, arrays : what a file would have, but for digests. problem : for black boxes, as of `verify`.
-    """
+    """How many claims were looked at, how many there are, and a text for each of the first that are not proved."""
     held: Any = InMemory(arrays)
     if head["cells"]["kind"] == "arm":
         from sdhj.certified.check.arm.claims import Arm  # with Numba, which no other robot needs
@@ -155,7 +152,7 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
 def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
     """Whether all cells of boxes from first to past (ndim, M) are in a set: (M,) bool, by looking up each of them.
 
-    As `Argument.all_in`, without the sums of a whole set. row : of the set, as of `Argument.row`.
+    As `Argument.all_in`, without the sums of a whole set.
     """
     axes = zip(sets.counts.tolist(), sets.problem.periodic, first, past, strict=True)
     both = [
@@ -191,7 +188,7 @@ def not_nearer(sets: Argument, step: int, within: int, cells: Array) -> Array:
 def of_inputs(sets: Argument, drawn: Mapping[int, Array], rng: np.random.Generator) -> Iterator[tuple[int, list[str]]]:
     """Yield how many claims of moves, clear inputs and arrivals were looked at, and a text for each that is not proved.
 
-    Every input at some step, and every step under some input. drawn : by step cells of which something is promised.
+    Every input at some step, and every step under some input.
     """
     inputs, steps = rng.permutation(sets.problem.count).tolist(), rng.permutation([*drawn]).tolist()
     tasks = range(max(len(inputs), len(steps)) if steps else 0)

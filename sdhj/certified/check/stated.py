@@ -72,9 +72,7 @@ class BlackBox:
     """A function that is no formula: its author states how far its values lie apart, and the check believes that."""
 
     def __init__(self, name: str, given: Any, results: int, components: int, inputs: tuple[Any, ...] = ()) -> None:
-        """name : in errors. given : the function, with `enclosure`, or `slope` and `rate`. results : numbers it returns
-        for a point, in so many components. inputs : what it is called with between points and times.
-        """
+        """`inputs` are what the function `given` is called with between points and times."""
         self.name, self.given, self.inputs = name, given, inputs
         self.results, self.components, self.rng = results, components, np.random.default_rng(0)
 

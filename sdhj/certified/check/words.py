@@ -51,7 +51,7 @@ class Words:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read an exported file; ValueError where a digest, length or number does not fit, OSError without a file."""
+        """Read an exported file."""
         version, data = _whole(path)
         numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
@@ -129,19 +129,13 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
 
 
 def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits.
-
-    data : as many numbers as the shapes, at least one, have in all; ValueError for others.
-    """
+    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits."""
     each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
     return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
 
 
 def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words by name: "steps" and "select" as (words,) int64, others as bool (words, inputs).
-
-    found : the bytes of each field, (words, bytes) uint8. inputs : how many inputs there are.
-    """
+    """The fields of words by name: "steps" and "select" as (words,) int64, others as bool (words, inputs)."""
     return {
         name: _numbers(some.tobytes(), some.shape[1])
         if name in ("steps", "select")
@@ -160,8 +154,6 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
     """The numbers of the words of a block's cells, (cells,) uint32, from the block's body, which begins at data[at].
 
     A body is a palette of numbers of words, and for each cell its entry there. ValueError where it is none.
-
-    data : all bodies. cells : how many a block has. width : how many bytes a number in the palette has.
     """
     expect(at + 3 <= len(data), "bodies must be whole", at)
     bits, colours = struct.unpack_from("<BH", data, at)
@@ -182,10 +174,6 @@ def claims_of_inputs(
 
     (name, (words, L) bool, (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
     set with one step less to go; nothing is claimed of a cell with 0.
-
-    words : the exported table. ids (cells,) : the number of each cell's word.
-    fewest (cells,) : the steps to go by the table's file, more than `left` where there are none; counts where words
-        have no field "steps". left : the steps that are left.
     """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
@@ -202,11 +190,7 @@ def claims_of_inputs(
 def claims_of_steps(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, int, Array]]:
-    """Yield each field that claims cells to be in a set: its name, how many claims it makes, and the cells where false.
-
-    words : the exported table. ids (cells,) : the number of each cell's word. fewest (cells,) : the steps to go by the
-        table's file. left : the steps that are left.
-    """
+    """Yield each field that claims cells to be in a set: its name, how many claims, and the cells where false."""
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
         made = steps != UNPROVED
@@ -221,7 +205,7 @@ def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> It
     """Yield all claims of an exported table, checked against the sets of the table's file.
 
     Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
-    every : whether what the file says of cells that are not promised is proved as well. bar : shows how far it is.
+    every : whether what the file says of cells that are not promised is proved as well.
     """
     wrong = differences(words, sets)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
@@ -273,10 +257,7 @@ def counted(made: int, bad: Array, what: str) -> Count:
 
 
 def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
-    """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none.
-
-    sets : an `Argument`, or an arm with its sets.
-    """
+    """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none."""
     if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
     out = np.full(math.prod(sets.counts.tolist()), left + 1)

@@ -88,10 +88,7 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
 
 @kernel(inline="always")
 def joints_during(cell, tau0, tau1, scratch):
-    """Write `joint_ends` of both joints during [tau0, tau1], s since the interval began, to scratch.ends.
-
-    cell (2, 4) : for each joint its least and greatest angle, rad, and its least and greatest velocity.
-    """
+    """Write `joint_ends` of both joints during [tau0, tau1], s since the interval began, to scratch.ends."""
     for joint in range(2):
         low, high, slow, fast = cell[joint, 0], cell[joint, 1], cell[joint, 2], cell[joint, 3]
         links.joint_ends(low, high, slow, fast, tau0, tau1, scratch.ends[joint])
@@ -259,8 +256,7 @@ def pursuer_meets(cell, j, motion, scratch, block):
 def arm_inputs(some, steps_left, step, cells, motion, sets, pool, out):
     """out[m, j] &= whether input j is certified for the cell some[m] (4,), steps_left[m] steps to go; in place.
 
-    Under it the arm stays clear of the disks and the pursuer and leads into the set with a step less, in the interval
-    from `step`. sets, pool, steps_left : as for `certified_inputs`.
+    sets, pool, steps_left : as for `certified_inputs`.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)

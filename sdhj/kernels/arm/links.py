@@ -93,8 +93,7 @@ def joint_moves(ends, slow, fast, delta, parts):
 def link_points(link, ends1, ends2, arm, scratch):
     """Write points whose hull, thickened by a remainder, holds a link (0 or 1) for all joint angles of a box.
 
-    To scratch.x and scratch.y; returns (how many, remainder, m). arm : (l1, l2, turn): the second link has length l2
-    and stands at the angle turn * q1 + q2, turn 0 or 1.
+    To scratch.x and scratch.y; returns (how many, remainder, m).
     """
     l1, l2, turn, x, y = arm[0], arm[1], arm[2], scratch.x, scratch.y
     w1, w2 = ends1[3] - ends1[0], ends2[3] - ends2[0]
@@ -183,9 +182,9 @@ def hull_distance(px, py, size, scratch):
 def thick_chain(first, last, step, radius, size, scratch, pieces):
     """Write the upper (step -1) or lower (step 1) boundary of a hull thickened by `radius` to pieces, left to right.
 
-    The corners first, first + step, ..., last of the hull, modulo its size, are the chain: x grows along it. Its
-    boundary is, in turn, an arc about a corner and the edge to the next corner moved outward. pieces (2 corners - 1, 4)
-    : the x where the piece ends, and for an arc (nan, centre), for an edge (slope, a point), y times -step.
+    The corners first, first + step, ..., last of the hull, modulo its size, along which x grows: in turn an arc about a
+    corner and the edge to the next one moved outward. pieces (2 corners - 1, 4) : the x where the piece ends, and for
+    an arc (nan, centre), for an edge (slope, a point), y times -step.
     """
     hull_x, hull_y, sign = scratch.hull_x, scratch.hull_y, -float(step)
     count = 0
@@ -226,9 +225,8 @@ def piece_height(pieces, at, xq, radius):
 def touch_cells(size, radius, growth, agent, rows, scratch, block):
     """Set in block (W,), in place, the agent's cells that, grown by `growth`, meet a hull thickened by `radius`.
 
-    The hull is the one with `size` corners that `convex_hull` left. Only the rows of cells rows[0] <= x < rows[1] are
-    looked at. The part of a convex shape over a strip has its highest point over the point of the strip nearest to the
-    shape's top, so one height of each boundary decides a row of cells.
+    Only rows[0] <= x < rows[1] are looked at. The part of a convex shape over a strip is highest nearest to the shape's
+    top, so one height of each boundary decides a row of cells.
     """
     hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner

@@ -40,7 +40,7 @@ MOST_SQUARES = 8_000
 
 
 class Part(NamedTuple):
-    """A convex body, or a half-plane, by corners and edges: its points q have normal . q <= offset for all edges.
+    """A convex body, or a half-plane: its points q have normal @ q <= offset for all edges.
 
     A segment has edges to both sides and beyond both ends, a point has none, a half-plane one edge and no corner.
     """
@@ -52,7 +52,7 @@ class Part(NamedTuple):
 
 
 def part(corners: FloatArray, larger: float = 0.0) -> Part:
-    """The convex `Part` with these corners (K, 2), counter-clockwise, which is not checked; edges lie `larger` out."""
+    """The convex `Part` with these corners (K, 2), counter-clockwise; edges lie `larger` out."""
     if len(corners) == 1:
         return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     begin, end = corners, np.roll(corners, -1, axis=0)
@@ -65,7 +65,7 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
 
 
 def half_plane(normal: Any, offset: float) -> Part:
-    """The half-plane of all points q with normal . q >= offset, |normal| = 1, as a `Part`."""
+    """The half-plane of all points q with normal @ q >= offset, |normal| = 1."""
     return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
 
 
@@ -76,19 +76,18 @@ class Body:
     Parameters
     ----------
     vertices : array (K, 2)
-        In the body's own frame, in m: the corners of a simple polygon in order, the ends of a segment, or one point.
+        In the body's own frame, m: corners of a simple polygon in order, ends of a segment, or one point.
     radius : float
-        By which it is enlarged, m: a point becomes a disk, a segment a capsule, and a polygon has a margin.
+        By which it is enlarged, m.
     pose : callable (points (M, axes), t) -> (x, y, heading), optional
-        Where the body's frame is, each (M,) or a number, in m and rad. By default a footprint moves with the three
-        axes of its set.
+        Where the body's frame is, m and rad. By default a footprint moves with the three axes of its set.
 
     Raises
     ------
     ValueError
-        If the vertices are none, or their edges cross.
+        If edges cross.
     ImportError
-        If the vertices are of a polygon and Shapely is not installed.
+        If a polygon needs Shapely, which is not installed.
 
     Examples
     --------
@@ -126,7 +125,7 @@ class Body:
 
     @cached_property
     def parts(self) -> list[Part]:
-        """The convex parts that the body consists of, in its own frame, without its radius."""
+        """The convex parts of the body, in its own frame, without its radius."""
         return [part(self.vertices)] if len(self.vertices) < 3 else parts_of(outline(self.vertices))
 
     @cached_property
@@ -143,7 +142,7 @@ class Body:
         return [*sides, *parts_of(box_without(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
-        """The body's pose at points (M, axes), by default the first three coordinates, and time t: x, y, heading."""
+        """The body's pose, by default the first three coordinates, at points and time t: x, y, heading."""
         if self.pose is None:
             return points[:, 0], points[:, 1], points[:, 2]
         pose = self.pose(points, t)
@@ -156,7 +155,7 @@ class Body:
 
 
 def parts_of(shape: Any) -> list[Part]:
-    """The convex parts of one or more polygons of Shapely, without those of no area."""
+    """The convex parts of polygons of Shapely, without those of no area."""
     corners_of_each = convex_parts(shape)
     # edges that parts share are moved outward, so that rounding loses no point on them
     size = max((float(np.ptp(corners)) for corners in corners_of_each), default=0.0)
@@ -164,7 +163,7 @@ def parts_of(shape: Any) -> list[Part]:
 
 
 def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
-    """a . R(heading) b for vectors (2,) as |a| |b| cos(heading + phase), which has tight bounds over headings."""
+    """a @ R(heading) b for vectors (2,) as |a| |b| cos(heading + phase), which has tight bounds over headings."""
     cosine, sine = float(a @ b), float(a[0] * b[1] - a[1] * b[0])
     if cosine < 0.0 or (cosine == 0.0 and sine < 0.0):  # opposite ones share a node
         return -dot_turned(-a, b, heading)
@@ -175,9 +174,8 @@ def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
 def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     """Signed distance, (M,), between a part `a`, in a frame with a pose, and a part `b`, which stands still.
 
-    Let s be the maximum over the edges of both parts of the least distance by which the other part's corners lie beyond
-    the edge (see the module). Where s <= 0 the parts meet, and it is the result; elsewhere the least distance of a
-    corner to an edge, or s if b is a half-plane. `a` must have a corner.
+    The s of the module where the parts meet, else the least distance of a corner to an edge, or s if b is a half-plane.
+    `a` must have a corner.
     """
 
     def of_a(n: FloatArray) -> list[Any]:
@@ -207,7 +205,7 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """The pose as seen from a frame with the pose `other`: R(-turned) (x - a, y - b), heading - turned; also traced."""
+    """The pose seen from a frame with the pose `other`: R(-turned) (x - a, y - b), heading - turned; also traced."""
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
     cosine, sine = (math.cos(turned), math.sin(turned)) if still else (np.cos(turned), np.sin(turned))
@@ -219,7 +217,7 @@ Footprint = Any  # vertices, a Body, or several
 
 
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
-    """The bodies that a user gives as a footprint; ValueError where one without a pose has not three axes."""
+    """The bodies that a user gives as a footprint; one without a pose needs three axes."""
     if given is None:
         return [POINT]
     bodies = [given] if isinstance(given, Body) else list(given)
@@ -236,7 +234,7 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
 def body_level_set(
     robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function of states in which a robot meets `parts` of an obstacle, or of what is outside."""
+    """The level-set function of states in which a robot meets `parts` of an obstacle, or of what is outside."""
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
@@ -251,11 +249,10 @@ def body_level_set(
 
 
 def covering_disks(body: Body, tolerance: float) -> FloatArray:
-    """Disks (K, 3), x, y, radius, that cover a body without its radius and reach at most `tolerance` > 0 beyond it, m.
+    """Disks (K, 3), x, y, radius, that cover a body without its radius and reach at most `tolerance` beyond it, m.
 
-    The square around it is halved into squares, until half the side of each is at most `FINE` times the depth of its
-    middle in the body, or times the tolerance; a disk about each middle, of this depth plus the tolerance, is a
-    candidate.
+    The square around it is halved until half the side of each is at most `FINE` times the depth of its middle in the
+    body, or times the tolerance; a disk about each middle, of this depth plus the tolerance, is a candidate.
     """
     if len(body.vertices) == 1:
         return np.array([[*body.vertices[0], 0.0]])
@@ -281,7 +278,7 @@ def covering_disks(body: Body, tolerance: float) -> FloatArray:
 
 
 def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
-    """Some of the disks about the middles of squares (M, 2), x, y, radius, such that each square lies in one."""
+    """Some of the disks about the middles of squares (M, 2) such that each square lies in one."""
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
     covers = np.ones((len(able), len(squares)), np.bool_)
@@ -299,7 +296,7 @@ def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> 
 
 
 def depths_in_body(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body without its radius: minus the signed distance, at most 0 for a segment."""
+    """How deep points (M, 2) lie in a body without its radius: minus the signed distance."""
     if len(body.vertices) < 3:
         x, y = points.T
         return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
@@ -309,7 +306,7 @@ def depths_in_body(body: Body, points: FloatArray) -> FloatArray:
 def map_body_level_set(
     robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function of a robot, covered by disks, that must not touch what a map at `origin` has."""
+    """The level-set function of a robot, covered by disks, that must not touch what a map at `origin` has."""
     disks = [(body, covering_disks(body, tolerance)) for body in robot]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:

@@ -53,8 +53,7 @@ def map_distance(
 ) -> tuple[Callable[[Any, Any], Any], tuple[float, float, float]]:
     """The signed distance (x (M,), y (M,)) -> (M,) to what a map does not show as free, less a radius, and its pose.
 
-    All in m, in the map's frame, whose pose is (x, y, yaw). The arguments are those of `UnsafeSet.from_map`, and so are
-    the errors.
+    All in m, in the map's frame; arguments and errors are those of `UnsafeSet.from_map`.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
@@ -92,7 +91,7 @@ def map_distance(
 def distances_at_nodes(blocked: FloatArray, side: float) -> FloatArray:
     """Signed distance to blocked pixels and to what is outside the map, m, at nodes half a pixel apart.
 
-    blocked (rows, columns), row 0 at the top; the result (2 columns + 1, 2 rows + 1), x before y, both ascending.
+    blocked (rows, columns), row 0 at the top; the result (2 columns + 1, 2 rows + 1), x before y, ascending.
     """
     try:
         from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -119,7 +118,7 @@ def distances_at_nodes(blocked: FloatArray, side: float) -> FloatArray:
 
 
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
-    """The pixels that are not free, (rows, columns) bool, the side of a pixel, m, and the origin of a map's YAML file.
+    """The pixels that are not free, (rows, columns), the side of a pixel, m, and the origin of a map's YAML file.
 
     As for the map server, a pixel is free if its darkness (its lightness with `negate`), from 0 to 1, is below
     `free_thresh`, in every mode.
@@ -161,7 +160,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
 
 
 def number_or_text(text: Any) -> Any:
-    """float(text) where a text spells a number; else what was given, unchanged."""
+    """float(text) where a text spells a number; else what was given."""
     try:
         return float(text)
     except (TypeError, ValueError):
@@ -169,7 +168,7 @@ def number_or_text(text: Any) -> Any:
 
 
 def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque (bool): (rows, columns) each."""
+    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque: (rows, columns) each."""
     try:
         from PIL import Image
     except ImportError as error:
@@ -193,7 +192,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
 
 
 def require_whole(data: bytes, image: Any) -> None:
-    """Refuse, by a ValueError, a picture in P4, P5 or P6 that is not as long as its header says.
+    """Refuse a picture in P4, P5 or P6 that is not as long as its header says.
 
     It has no checksum: where Git or an editor has changed its line ends, the map would be read shifted.
     """
@@ -211,7 +210,7 @@ def require_whole(data: bytes, image: Any) -> None:
 
 
 def bytes_of_file(path: Path, most: int) -> bytes:
-    """The bytes of a file, at most `most`; ValueError where it has more or is a device or pipe, which might not end."""
+    """The bytes of a file, at most `most`; a device or pipe, which might not end, is refused."""
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
         raise ValueError("it is a folder, a device or a pipe")
@@ -225,7 +224,7 @@ def bytes_of_file(path: Path, most: int) -> bytes:
 
 
 def require_memory_for_map(width: int, height: int) -> None:
-    """Refuse a map that is too large, from its width and height in pixels, before it is read."""
+    """Refuse a map that is too large, by its width and height in pixels, before it is read."""
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:
         raise ValueError(
@@ -236,5 +235,5 @@ def require_memory_for_map(width: int, height: int) -> None:
 
 
 def file_error(path: Path, what: str, why: Exception | str) -> ValueError:
-    """Make, not raise, a ValueError that says in one line that the file is not `what` it should be, and `why`."""
+    """A ValueError that says in one line that the file is not `what` it should be, and `why`."""
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))

@@ -17,7 +17,7 @@ ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts
 
 
 def outline(vertices: Any) -> Any:
-    """The polygon with these vertices (K, 2), in either direction, as a simple one of Shapely, counter-clockwise."""
+    """The polygon with these vertices (K, 2), as a simple one of Shapely, counter-clockwise."""
     try:
         import shapely
     except ImportError as error:
@@ -32,7 +32,7 @@ def outline(vertices: Any) -> Any:
 
 
 def triangles(shape: Any) -> list[FloatArray]:
-    """The corners (3, 2), counter-clockwise, of triangles of a polygon of Shapely; of a convex one its own (K, 2)."""
+    """The corners (3, 2), counter-clockwise, of triangles of a polygon; of a convex one its own (K, 2)."""
     import shapely
 
     convex = [shape] if shape.convex_hull.equals(shape) else shapely.constrained_delaunay_triangles(shape).geoms
@@ -40,7 +40,7 @@ def triangles(shape: Any) -> list[FloatArray]:
 
 
 def corners_of(shape: Any) -> FloatArray:
-    """The corners (K, 2) of the outer ring of a polygon of Shapely, counter-clockwise, the first not repeated."""
+    """The corners (K, 2) of the outer ring of a polygon, counter-clockwise, the first not repeated."""
     import shapely
 
     return np.array(shapely.orient_polygons(shape).exterior.coords[:-1])
@@ -66,7 +66,7 @@ def convex_parts(shape: Any) -> list[FloatArray]:
 
 
 def box_without(shape: Any) -> Any:
-    """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as one geometry of Shapely."""
+    """What lies in the bounding box of a polygon of Shapely, but not in the polygon."""
     import shapely
 
     return shapely.difference(shapely.box(*shape.bounds), shape)
@@ -89,7 +89,7 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
 
 
 def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far points (M, 2) lie along and to the right of each edge of a polygon, (M, K), and their lengths."""
+    """How far points (M, 2) lie along and to the right of each edge, (M, K), and the edges' lengths."""
     edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     lengths = np.hypot(*edges.T)
     x, y = (edges / lengths[:, None]).T

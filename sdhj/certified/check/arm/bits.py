@@ -37,10 +37,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     """
 
     def compile_it(function: Any) -> Any:
-        """The function compiled; its code is kept on disk behind a digest, where a folder can be written.
-
-        function : one that Numba compiles. Nothing is compiled before it is called.
-        """
+        """The function compiled; its code is kept on disk behind a digest, where a folder can be written."""
         try:
             dispatcher = njit(cache=True, **options)(function)
         except RuntimeError:  # no folder for it can be written
@@ -55,17 +52,10 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class Kept:
-    """Machine code kept on disk, in files that begin with a digest of the code and of the sources it was made of.
-
-    It stands in for an object of Numba, the files of its cache (`numba.core.caching.IndexDataCacheFile`), and has the
-    methods `load` and `save` that Numba calls.
-    """
+    """Machine code kept on disk, in files that begin with a digest of the code and of the sources it was made of."""
 
     def __init__(self, files: Any) -> None:
-        """Keep code in the folder of Numba's cache `files`, stamped with Numba's version and this folder's sources.
-
-        files : the object of Numba that this one stands in for. Nothing is read or written yet.
-        """
+        """Keep code in the folder of Numba's cache `files`, stamped with Numba's version and this folder's sources."""
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
@@ -82,10 +72,7 @@ class Kept:
         return code if known == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the code `data` under a key, behind its digest; the file appears whole or not at all.
-
-        In place of one that is there. OSError where it cannot be written.
-        """
+        """Keep the code `data` under a key, behind its digest; the file appears whole or not at all."""
         code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
         try:
             beside.write_bytes(blake2b(self.made_of + code).digest() + code)

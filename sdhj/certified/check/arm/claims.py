@@ -41,11 +41,7 @@ ROWS_AT_ONCE = 256  # between two signs of life
 
 
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
-    """A disk of a recipe as numbers (8,), as `separation.disk_at` reads them, its radius grown by `width`.
-
-    name : in errors. given : the disk in the recipe. width : of what must not meet the disk, m. ValueError, KeyError or
-        TypeError where a number is missing or makes no sense.
-    """
+    """A disk of a recipe as numbers (8,), as `separation.disk_at` reads them, its radius grown by `width`."""
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
     kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
     expect(kind in ("still", "line", "circle"), f"the path of {name} must be still, line or circle", kind)
@@ -60,16 +56,12 @@ def disk(name: str, given: Any, width: float = 0.0) -> Array:
 class Scene:
     """The numbers of a case study, from its recipe, and how the robot senses.
 
-    agent : "pursuer" or "evader". given : the recipe's arguments. sensing : a `Sensing`.
-    disks (D, 8) : the obstacles, as `disk_at` reads them, grown by the links' half width.
-    target (8,) : the target likewise; of an evader only its radius counts, as it is where the evader is.
+    given : the recipe's arguments. disks (D, 8) : the obstacles, as `disk_at` reads them, grown by the links' half
+    width. target (8,) : the target likewise; of an evader only its radius counts, as it is where the evader is.
     """
 
     def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
-        """Read a recipe and the head's entry for sensing, {} where all is certain.
-
-        ValueError, KeyError or TypeError where a number is missing or makes no sense.
-        """
+        """Read a recipe and the head's entry for sensing, {} where all is certain."""
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -118,10 +110,7 @@ class Scene:
         return [(a, b) for a in values for b in values]
 
     def world(self, edges: Sequence[Array]) -> World:
-        """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound.
-
-        edges : for each of the four axes the ends of its cells, as of `described.Sets.edges`.
-        """
+        """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound."""
         given, inputs = self.given, np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
         arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
@@ -142,12 +131,8 @@ class Scene:
 def refuse_large(world: World, steps: int) -> None:
     """Raise ValueError if a number of the world, until a step, breaks what the bound on rounding supposes.
 
-    At most `LONGEST_LENGTH` (m or rad) must be: the lengths of the links, the radius at which the pursuer or target is
-    met, how far inputs and push turn a joint and the pursuer or target moves in an interval, E, all edges of cells, and
-    where disks are until that step. Angles of disks until then must be at most `LARGEST_ANGLE`, rad. Links must have
-    at least 1 mm; delta, the push and the speed of the pursuer or target must not be negative. NaN is refused.
-
-    world : of `Scene.world`, before it is used. steps : N.
+    At most `LONGEST_LENGTH` (m or rad) may be: links, radii, how far joints and agent move in an interval, E, edges of
+    cells, and where disks are until that step; at most `LARGEST_ANGLE` their angles. Links have at least 1 mm.
     """
     end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.target[None]])
@@ -188,10 +173,7 @@ class Arm(Sets):
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file: (cells,) bool, the last axis fastest.
-
-        step, within : step + within <= steps, which is not checked.
-        """
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
@@ -210,7 +192,7 @@ class Arm(Sets):
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """Yield all claims, checked; those of single cells for `samples` random rows, or for all rows if it is None.
 
-        Only the first where cells do not cover the axes. seed : of the rows drawn. silent : show no progress bar.
+        Only the first where cells do not cover the axes.
         """
         yield Claim(COVER, 4, 4, wrong := self.faults_of_cells())
         if wrong:  # nothing else in the file means what it says
@@ -240,7 +222,7 @@ class Arm(Sets):
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
         """How many claims of each kind in rows (R,) are not proved, and an example of each: both (R, steps + 2) int64.
 
-        By `check_rows`, which says what kinds and examples are, in threads. silent : show no progress bar.
+        By `check_rows`, which says what kinds and examples are, in threads.
         """
         eroded, still = np.empty_like(self.pool), [Fraction(0)]
         erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
@@ -256,8 +238,6 @@ class Arm(Sets):
         """The cells of an axis that each of its cells may lead to, for each drift: (drifts, n, most) int.
 
         Where there are fewer than `most` the last one is repeated.
-
-        drifts : velocities along the axis by the input, to each of which the adversary adds its push.
         """
         push = self.scene.push(axis)
         lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
@@ -269,9 +249,6 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     """For each cell of an axis the indices, ascending, of the cells that a prediction may be in after one interval.
 
     Axes 0 and 1 are periodic; 2 and 3 have walls, where an image ends with the outermost cell.
-
-    arm : an `Arm`. slow, fast : the least and the greatest velocity, fractions; slow <= 0 <= fast on an axis with
-        walls.
     """
     # A state that a wall stops is in the outermost cell, which the image overlaps anyway: the state came from there or
     # passed it.
@@ -294,10 +271,7 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
 
 
 def in_threads(count: int, work: Callable[[slice], None]) -> Iterator[int]:
-    """Call `work` on slices of `count` rows, `ROWS_AT_ONCE` each, in threads; yield how many rows each slice had.
-
-    As slices are done, in order; what `work` raises is raised here.
-    """
+    """Call `work` on slices of `count` rows, `ROWS_AT_ONCE` each, in threads; yield how many rows each slice had."""
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         parts = [slice(begin, min(begin + ROWS_AT_ONCE, count)) for begin in range(0, count, ROWS_AT_ONCE)]
         for part, _ in zip(parts, threads.map(work, parts), strict=True):
@@ -307,8 +281,7 @@ def in_threads(count: int, work: Callable[[slice], None]) -> Iterator[int]:
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     """Write to `out`, for every block of a pool, the cells for which it has all that they need (`bits.erode`).
 
-    In threads. pool, out (blocks, words) : uint64. along_x (nx, most), along_y (ny, most) : for each cell of an axis of
-    the agent the cells that are needed.
+    In threads.
     """
     sum(in_threads(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
@@ -317,7 +290,7 @@ def cells_added(arm: Any) -> tuple[Array, Claim]:
     """How many cells each set adds to the one with a step less, in each row; and the claim that sets grow, checked.
 
     The numbers are (rows, steps + 1, 2) int64, summed over all starts: of all cells that sets within 0, 1, ... steps
-    add, and of those among them that have a neighbour, along some axis, outside the set. arm : an `Arm`.
+    add, and of those among them that have a neighbour, along some axis, outside the set.
     """
     index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)
     along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in arm.counts[2:])

@@ -20,12 +20,7 @@ class Sensing:
     """
 
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
-        """Read the head's entry for sensing; ValueError where a number is negative or too large.
-
-        head : the entry; what it lacks is 0 or False, and one number for `error` counts for all axes.
-        ndim : the number of axes. delta : the length of an interval, s, which delay and twice the jitter may not
-            exceed.
-        """
+        """Read the head's entry for sensing; ValueError where a number is negative or too large."""
         error = head.get("error", 0.0)
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
         self.delay = real("delay", head.get("delay", 0.0), 0.0, delta)
@@ -50,11 +45,7 @@ class Sets:
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Arrays, ndim: int, rows: int, entries: int | None) -> None:
-        """Read the cells of `ndim` axes and the sets on them; ValueError where an entry or an array does not fit.
-
-        head : the head's entry for cells; without "layers" there are none. arrays : the open file.
-        rows : how many leading axes number the rows. entries : how many sets there are; None: any number.
-        """
+        """Read the cells of `ndim` axes and the sets on them; ValueError where an entry or an array does not fit."""
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
         self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
@@ -79,11 +70,7 @@ class Sets:
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
-        """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well.
-
-        ends : for each axis where it begins (None: anywhere), its least and its greatest length, and how far apart the
-            file's bounds on the length may be; fractions.
-        """
+        """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well."""
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):

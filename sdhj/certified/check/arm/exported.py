@@ -24,8 +24,6 @@ def claims(words: Words, sets: Arm, head: Any, silent: bool) -> Iterator[Claim]:
     """Yield all claims of an exported table, checked against the sets of the certified table and the head of its file.
 
     Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
-
-    words : the exported table. head : of the table's file. silent : show no progress bar.
     """
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
@@ -53,8 +51,7 @@ def images_differ(words: Words, sets: Arm) -> Iterator[str]:
 def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
     """Whether the exported images of an arm along an axis under u_j are exactly the cells that `overlapped` derives.
 
-    said (n, 2) : the first and the last cell of each image, less the cell's own index; False for another size. sets :
-        the arm. j : the input's index, of no matter along the agent's axes, 2 and 3.
+    said (n, 2) : the first and the last cell of each image, less the cell's own index; False for another size.
     """
     n, drift = int(sets.counts[axis]), sets.scene.inputs()[j][axis] if axis < 2 else Fraction(0)
     push = sets.scene.push(axis)
@@ -71,8 +68,6 @@ def differences(words: Words, sets: Arm, head: Any) -> list[str]:
     """A text "name: mine and not theirs" for each entry of an exported table that is not that of the table's file.
 
     [] if all agree; of the slack it is asked only that it is not more than the file's.
-
-    words : the exported table. head : of the table's file.
     """
     own, periodic = [*zip(sets.axes, sets.layers, strict=True)], np.array(head["grid"]["periodic"])
     pairs = {
@@ -113,10 +108,7 @@ def differences(words: Words, sets: Arm, head: Any) -> list[str]:
 def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
     """Check the words of an arm: yield a field's name, how many claims it makes, and texts of false ones.
 
-    A field may be yielded several times. A text names a step and a cell, or a row of cells and how many claims are
-    false there.
-
-    words : the exported table, whose numbers are those of the file (`differences`). silent : show no progress bar.
+    A field may be yielded several times.
     """
     world, (rows, count) = sets.scene.world(sets.edges), (sets.index.shape[1], len(words.inputs))
     every, kinds = (

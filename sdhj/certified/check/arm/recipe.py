@@ -19,10 +19,7 @@ STATES = 300
 
 
 def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
-    """Raise ValueError unless what the head describes is the arm of the recipe that `scene`, a `Scene`, was made of.
-
-    arrays : the open file.
-    """
+    """Raise ValueError unless what the head describes is the arm of the recipe that `scene`, a `Scene`, was made of."""
     given, robot = scene.given, Problem(head, arrays, None)
     inputs, box = np.array(scene.inputs(), dtype=np.float64), float(scene.box)
     upper = np.array([np.pi, np.pi, box, box])
@@ -52,10 +49,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
 
 
 def near(one: Any, other: Any) -> bool:
-    """Whether two arrays have as many entries and a last axis as long, and differ by less than `CLOSE` in every entry.
-
-    False where an entry is NaN. Arrays that agree in both sizes must broadcast.
-    """
+    """Whether two arrays have as many entries and a last axis as long, and differ by less than `CLOSE`."""
     one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     return one.shape[-1:] == other.shape[-1:] and one.size == other.size and bool((np.abs(one - other) < CLOSE).all())
 
@@ -96,7 +90,7 @@ def centre(disk: Array, t: float) -> Array:
 def obstacles(q: Array, t: float, scene: Any) -> Array:
     """The distance of the arm at states (M, 4) from the nearest obstacle at time t, less the radius: (M,), m.
 
-    Obstacles are grown by the links' width, so it is <= 0 where the arm meets one. There must be an obstacle.
+    Obstacles are grown by the links' width, so it is <= 0 where the arm meets one.
     """
     each = [arm_to(q, centre(disk, t) + 0.0 * q[:, 2:], scene) - disk[7] for disk in scene.disks]
     return np.asarray(np.min(each, axis=0))

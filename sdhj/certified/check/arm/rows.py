@@ -36,8 +36,6 @@ def drop_unproved(velocity, duration, world, bench, bits):
     """Drop from bits (words,), in place, the agent's cells from which it is not proved that the arm stays clear.
 
     Clear of the agent, for `duration`, s, under a velocity (2,) of the joints; cells are asked about one by one.
-
-    world : the `World`. bench : the row's, as `bench_of` made it; its scratch is overwritten. bits : uint64.
     """
     agent = (len(world.disks), len(world.disks) + 1)
     for bit in range(64 * bits.size):
@@ -63,7 +61,7 @@ def bench_of(i1, i2, world):
 def check_flags(i1, i2, world, stored):
     """Check the flags of joint cells i1, i2: that the arm clears all obstacles from a start, under an input.
 
-    Returns how many are not proved, and one of these as start * L + j. stored : the file's `Stored`.
+    Returns how many are not proved, and one of these as start * L + j.
     """
     bench, failed, example = bench_of(i1, i2, world), 0, 0
     bench.part[9] = world.held
@@ -80,7 +78,6 @@ def check_flags(i1, i2, world, stored):
 def check_goals(world, stored, bench, todo):
     """Drop from todo (entries, words), in place, what is proved of S_k^0: in the target, and clear of all else at t_k.
 
-    world : the `World`. stored : the file's `Stored`. bench : a row's `Bench`; its scratch is overwritten.
     todo : for each entry of the index the agent's cells, as bits, that are to be proved in that row.
     """
     need, still = np.zeros_like(todo[0]), world.inputs[0]
@@ -116,7 +113,6 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
     bits : uint64. ends1, ends2 (most,) : the joints' cells that may be reached, the last one repeated.
     blocks (rows,), eroded (blocks, words) : the set's blocks, by number, and each block eroded for all that the agent
         may do.
-    n2 : how many cells the second joint has.
     """
     for a in range(ends1.size):
         for b in range(ends2.size):
@@ -133,8 +129,6 @@ def check_steps(i1, i2, world, stored, bench, todo):
 
     The flags that say which inputs clear the obstacles are believed here (`check_flags`).
 
-    i1, i2 : the row's joint cells. world : the `World`. stored : the file's `Stored`. bench : the row's `Bench`; its
-        scratch is overwritten.
     todo : for each entry of the index the agent's cells, as bits, that are to be proved in the row.
     """
     steps, n2 = len(stored.allowed), world.q2.size - 1
@@ -180,8 +174,7 @@ def check_rows(rows, world, stored, failed, example):
 
     failed, example (R, kinds), modified in place : how many claims of each kind are not proved, and one of these as a
         number. Kind 0 are the flags, numbered start * L + j; kind 1 + n are the cells that sets within n steps add,
-        numbered start * (the agent's cells) + cell. Both must be 0 at first.
-    world, stored : the `World`, and the file's `Stored`.
+        numbered start * (the agent's cells) + cell.
     """
     n2, cells = world.q2.size - 1, (world.x.size - 1) * (world.y.size - 1)
     for number in range(len(rows)):
@@ -205,10 +198,6 @@ def clear_of_claims(row, j, ids, marks, world, bench, bits):
 
     Claimed by the word of any start, and clear of the agent for the whole interval; obstacles are not looked at. bits :
     uint64, overwritten.
-
-    row, j : the numbers of the row and of the input. ids (starts, rows, cells) : the number of each cell's word.
-    marks (4, words, L) : bool, the inputs that a word claims, of each kind.
-    world : the `World`. bench : the row's `Bench`; its scratch is overwritten.
     """
     bits[:] = NONE
     for start in range(len(ids)):
@@ -232,10 +221,7 @@ def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
     ahead (2, starts, all rows, cells) : the steps to go by which a claim of the first two kinds is meant, and one of
         the third.
     marks (4, words, L) bool : the inputs that a word claims, in four kinds: selected, safe, safe by all steps, and
-        clear.
-    world, stored : the `World`, and the file's `Stored`.
-    made, failed (R, 4), modified in place : how many claims of each kind there are, and how many are not proved, are
-        added.
+        clear. made, failed (R, 4), in place : how many claims of each kind there are, and are not proved, are added.
     """
     n2, steps = world.q2.size - 1, len(stored.allowed)
     room, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])

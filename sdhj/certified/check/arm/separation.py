@@ -11,6 +11,10 @@ A cosine is in [1 - s^2 / 2, 1], so the first two terms exceed n.E + n.F by at m
 max(0, -n.F) (d1 + d2)^2 / 2. The others are n.(E' + F') sin s + n.F' (sin t - sin s), at most |n.(E' + F')| d1 +
 |n.F'| d2, since |sin t - sin s| <= |t - s|. The elbow alone is alike, and a link does not extend beyond its ends.
 
+Arguments. link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent. part (BOUNDS,) :
+bounds of joints, coordinates, times and pushes, as `moved` has them. start : when the interval begins, s. stack (STACK,
+BOUNDS) : overwritten.
+
 Rounding. `refuse_large` refuses files with a length, a joint's move in one interval or a place of a disk above 10
 (metres, radians), or the angle of a disk on its path above 100. Compared are sums of fewer than 50 products of such
 numbers, none of which matters above 100 (to n.E and n.F only positive terms are added, so where one is larger nothing
@@ -136,8 +140,6 @@ def body_of(box, body, start, world):
     Its centre is within hx, hy, a multiple in [-1, 1] of the move, and bend of (x, y), for all states and times of the
     box. A disk's centre is within h v + bend of that in the middle of the time, h being half its length, v the velocity
     there and bend = h^2 / 2 times the acceleration on a circle.
-
-    body : the number of an obstacle, or the one after all of them for the agent. start : when the interval begins, s.
     """
     if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
@@ -152,10 +154,7 @@ def body_of(box, body, start, world):
 
 @compiled(**UNCOUNTED)
 def ahead(nx, ny, link, pose, body, turn):
-    """A lower bound on how far a body is ahead of a link along the unit vector n = (nx, ny), for all of a box, m.
-
-    body : as `body_of` returns it. pose, turn : as for `farthest`.
-    """
+    """A lower bound on how far a body is ahead of a link along the unit vector n = (nx, ny), for all of a box, m."""
     x, y, hx, hy, move_x, move_y, bend, _ = body
     behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend
     return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
@@ -166,8 +165,6 @@ def separated(link, pose, body, turn):
     """Whether some direction proves that a link stays clear of a body; and their distance in the middle of the box, m.
 
     The first direction tried is that from the link to the body there, which is then turned while that helps.
-
-    link, pose, turn : as for `farthest`. body : as `body_of` returns it.
     """
     ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
     s = ((body[0] - ax) * fx + (body[1] - ay) * fy) / (fx * fx + fy * fy)
@@ -201,8 +198,6 @@ def halve(part, weights, first, second):
     """Cut a part in two across its widest pair of bounds, and write the halves to `first` and `second`.
 
     The width of the k-th pair counts weights[k] times; pairs without a weight are not cut.
-
-    part : pairs of a low and a high bound. first, second : of the same size, other arrays than `part`.
     """
     axis, widest = 0, 0.0
     for k in range(len(weights)):
@@ -219,11 +214,6 @@ def link_clear(link, body, part, velocity, start, world, stack):
     """Whether it is proved that a link stays clear of a body, from anywhere in a part and at all its times.
 
     False, too, where they touch, and where more than `GRANTED` boxes, or more room than `stack` has, would be needed.
-
-    link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent.
-    part (BOUNDS,) : bounds of joints, coordinates, times and pushes, in the order that `moved` says.
-    velocity (2,) : of the joints, the input. start : when the interval begins, s. world : the `World`.
-    stack (STACK, BOUNDS) : overwritten.
     """
     l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1] * link, 1.0 if body == len(world.disks) else 0.0
     fastest = (abs(velocity[0]) + world.push) * l1 + (abs(velocity[1]) + world.push) * l2 + agent * world.agent[0]
@@ -255,9 +245,6 @@ def clear(bodies, part, velocity, start, world, stack):
     """Whether it is proved that both links stay clear of the bodies with numbers bodies[0] to bodies[1] - 1.
 
     From anywhere in a part and at all its times. True without bodies.
-
-    part (BOUNDS,) : of `moved`. velocity (2,) : of the joints, the input. start : when the interval begins, s.
-    world : the `World`. stack (STACK, BOUNDS) : overwritten.
     """
     for body in range(bodies[0], bodies[1]):
         for link in range(2):
@@ -273,8 +260,6 @@ def tip_inside(part, t, world, stack):
     The tip is off its middle plus linear terms by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance is largest
     at a corner of a parallelogram, or of the agent's cell where the agent, an evader, is the target. False, too, where
     more than `GRANTED` boxes would be needed.
-
-    part (BOUNDS,) : of `moved`. world : the `World`. stack (STACK, BOUNDS) : overwritten.
     """
     moved(part, world.inputs[0], world, stack[0])  # by the error of states
     l1, l2, turn = world.arm[0], world.arm[1], world.arm[2]
@@ -310,7 +295,7 @@ def tip_inside(part, t, world, stack):
 
 
 class Bench(NamedTuple):
-    """Room to work on one row: the bounds of its joints and of one of the agent's cells, and scratch arrays."""
+    """Room to work on a row: bounds of its joints and of one of the agent's cells, and arrays that are overwritten."""
 
     part: Array  # (BOUNDS,) see above
     low: Array  # (nx,) `beyond`
@@ -323,8 +308,6 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
     """Tighten low and high (nx,), in place, so that the agent's cells above high[x] or below low[x] are beyond a link.
 
     A cell of column x, grown by `grow` on each side, is then more than `bound` along n = (nx, ny). ny must not be 0.
-
-    edges_x (columns + 1,) : the ends of the columns.
     """
     # However small ny is, dividing by it is harmless: along n an error of the level counts only ny times.
     up = 1.0 if ny > 0.0 else -1.0
@@ -345,8 +328,6 @@ def sweep(j, duration, world, bench, bits):
     """Drop from bits (words,), in place, the agent's cells that a few directions do not prove clear of the arm.
 
     Under u_j, from time 0 to `duration`, s, in world.parts[j] parts, for the joints' cells of the bench.
-
-    world : the `World`. bench : the row's `Bench`; its scratch is overwritten. bits : uint64.
     """
     box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
     low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
