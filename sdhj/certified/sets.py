@@ -171,10 +171,18 @@ class Certified(Options):
     The more cells, the larger the share of the states that is proved:
 
     >>> import sdhj
-    >>> problem = sdhj.arm_case_study(nodes=13, steps=2)
-    >>> methods = [sdhj.Certified(cells=cells) for cells in ((64, 64, 24, 24), (84, 84, 36, 36))]
-    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=2), 2) for method in methods]
-    [0.08, 0.1]
+    >>> speeds = [[-1.0], [0.0], [1.0]]  # m/s
+    >>> problem = sdhj.ReachAvoidProblem(
+    ...     grid=sdhj.Grid([-1.0], [1.0], [41]),
+    ...     dynamics=sdhj.Dynamics(inputs=speeds, drift=speeds, gain=[[1.0]], bounds=[0.2]),
+    ...     target=sdhj.TargetSet((0,), lambda x, t: abs(x[:, 0]) - 0.2),
+    ...     unsafe=[],
+    ...     delta=0.1,
+    ...     steps=5,
+    ... )
+    >>> methods = [sdhj.Certified(cells=[cells]) for cells in (20, 40, 80)]
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=5), 2) for method in methods]
+    [0.2, 0.45, 0.58]
     """
 
     cells: Sequence[int] | None = None

@@ -39,6 +39,7 @@ def test_inputs_lead_from_every_certified_node(table):
     assert table.inputs(start=0, within=2)[newly].any(axis=-1).all()
 
 
+@pytest.mark.slow
 def test_steps_to_go_is_the_first_tube_that_holds_the_state(table, rng):
     grid, width = table.grid, np.array([float(axis.width) for axis in table.axes])
     anywhere = rng.uniform(grid.lower, grid.upper, (20_000, 4))
@@ -71,6 +72,7 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
     assert done.stdout.strip() == "3000", done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adversary", ["random", "aggressive", "worst"])
 def test_no_run_from_a_certified_state_fails(table, adversary):
     controller = sdhj.Controller(table)
@@ -78,6 +80,7 @@ def test_no_run_from_a_certified_state_fails(table, adversary):
     assert report.counts["reached"] == report.runs
 
 
+@pytest.mark.slow
 def test_outside_the_certified_set_it_says_so(table):
     controller, points = sdhj.Controller(table), table.grid.points()
     free = table.problem.unsafe_value(points, 0.0) > 0.0
@@ -90,6 +93,7 @@ def test_outside_the_certified_set_it_says_so(table):
         controller.steps_to_go([np.nan, 0.0, 0.0, 0.0], 0)
 
 
+@pytest.mark.slow
 def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng):
     """As for other tables. An index of -1 would be the last input, proved or not."""
     states = rng.uniform(table.grid.lower, table.grid.upper, (20_000, 4))
@@ -106,6 +110,7 @@ def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng)
         controller.select(lost, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("start", "within"), [(0, -1), (0, 1.5), (4, 0), (-1, 0)])
 def test_entries_that_are_not_there_are_refused(table, start, within):
     with pytest.raises(ValueError, match="must be a whole number"):

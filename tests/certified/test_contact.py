@@ -9,6 +9,8 @@ from sdhj.kernels import read_only
 from sdhj.kernels.arm import contact
 from sdhj.kernels.arm.links import Agent, joint_moves
 
+pytestmark = pytest.mark.slow  # the arm's own kernels are compiled
+
 ARM = read_only(np.array([0.15, 0.15, 1.0]))
 
 

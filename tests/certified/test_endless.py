@@ -147,6 +147,7 @@ def test_ctrl_c_ends_a_solve_with_what_there_is(monkeypatch):
         sdhj.solve(replace(interval_problem(), steps=4), FEW, progress=False)
 
 
+@pytest.mark.slow
 def test_what_never_settles_ends_at_the_cap(monkeypatch):
     monkeypatch.setattr(sdhj.problem.problem, "FOREVER", 4)
     for problem, method in ((replace(interval_problem(), steps=None), FEW), (double_integrator(None, 0.6), CELLS)):

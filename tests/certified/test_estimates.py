@@ -35,6 +35,7 @@ def test_nbytes_are_those_of_every_array():
     assert len(arrays) > 8 and table.nbytes == sum(arrays)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize("at", ["_mark_collisions", "add"])
 def test_ctrl_c_leaves_nothing_half(monkeypatch, at):

@@ -305,6 +305,7 @@ def test_an_adversary_that_enters_as_it_likes_wins_no_run(name, rng):
             assert (naive.steps_left(table, now, step + 1) <= left[near] - 1).all()
 
 
+@pytest.mark.slow
 def test_images_are_inside_as_plain_loops_say(rng):
     """The kernel against loops over all cells of an image: walls, a period, safe ends, sets that are nearly full."""
     counts, periodic = np.array([4, 5, 7]), np.array([False, True, False])

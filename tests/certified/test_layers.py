@@ -248,6 +248,7 @@ def test_runs_to_where_a_car_stands():
     assert_runs_succeed(table, q, rng)
 
 
+@pytest.mark.slow
 def test_a_second_table_leads_to_where_the_first_one_stands(standing):
     """A certified table as a target: its layer counts where a cell of the second one is at the wall."""
     problem = blocked(3, sdhj.TargetSet.from_table(standing))

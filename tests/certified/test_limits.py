@@ -79,6 +79,7 @@ def test_whole_cells_keep_it_out():
     assert solved(line(), 400).contains([[5.4]])[0]
 
 
+@pytest.mark.slow
 def test_no_cells_are_advised_where_a_grid_lacks_the_state():
     """A push that is too strong: no number of cells helps."""
     says = solved(plane(push=1.1), 40, 40).explain([1.4, 1.0])

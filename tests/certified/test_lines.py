@@ -23,6 +23,7 @@ def robot(periodic, end):
     return sdhj.ReachAvoidProblem(grid, dynamics, None if end == "safe" else target, [post], 0.3, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("periodic", "end"), [(True, "unsafe"), (False, "unsafe"), (False, "safe")])
 def test_lines_of_cells_are_answered_as_each_cell_alone(periodic, end):
     table = sdhj.solve(robot(periodic, end), sdhj.Certified(cells=(25, 24, 70)), progress=False, play=False)

@@ -8,6 +8,8 @@ import pytest
 
 from sdhj.kernels.arm import links
 
+pytestmark = pytest.mark.slow  # the arm's own kernels are compiled
+
 ARM = np.array([0.15, 0.15, 1.0])
 PRINTED = np.array([0.15, 0.30, 0.0])
 

@@ -42,6 +42,7 @@ def test_packed_erosion_agrees_with_shifted_arrays(rng):
             np.testing.assert_array_equal(block, naive.erosion(own, *reached))
 
 
+@pytest.mark.slow
 def test_state_on_an_edge(small):
     """A state that rounding has pushed out of a certified cell still has that cell's inputs; one beyond has none."""
     inside = small.bits(start=0, within=2)

@@ -24,6 +24,7 @@ def turned():
     return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics([[-4.0], [0.0], [4.0]], drift), target, [], 0.2, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "cells", "axis"),
     [

@@ -11,6 +11,8 @@ from naive_certified import SMALL
 import sdhj
 from sdhj.certified import CertifiedTable
 
+pytestmark = pytest.mark.slow  # the arm's own kernels are compiled
+
 
 def test_runs_from_certified_states_succeed(small, rng):
     naive.assert_runs_succeed(small, naive.states_in(small, rng, 20000), rng)

@@ -96,6 +96,7 @@ def test_no_state_of_a_clear_cell_is_met(monkeypatch, rng):
     assert met > 1000
 
 
+@pytest.mark.slow
 def test_cells_are_led_by_inputs_that_are_clear(rng):
     """Of wanted cells that miss nothing those from which some input of a group is clear, as plain loops say."""
     missing, wanted, before = (rng.random((3, 70)) < share for share in (0.4, 0.7, 0.2))

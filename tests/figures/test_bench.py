@@ -17,6 +17,7 @@ def small():
     return bench.case(11, "float64")
 
 
+@pytest.mark.slow
 def test_exact_solution_is_the_maximum_over_the_box(small):
     """Against the initial function sampled densely in the boxes of some nodes, its ends included."""
     grid, fields = small.grid, small.velocities

@@ -194,6 +194,7 @@ def test_tables_are_solved_once(monkeypatch):
     assert len(solved) == 2
 
 
+@pytest.mark.slow
 def test_projected_tubes_are_the_projected_tables(drawn):
     full, inner = (drawn(name) for name in ("fig10_tubes", "fig11_projected"))
 

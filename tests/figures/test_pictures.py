@@ -102,6 +102,7 @@ def test_run_pictures(table, run):
     assert sum(bool(named(ax, "arm")) for ax in strip) == min(6, len(run.samples))
 
 
+@pytest.mark.slow
 def test_the_animation_is_a_gif_with_its_frames(table, run, tmp_path):
     path = fig12_trajectory.save_animation(table, run, tmp_path / "run.gif", frames=3, rate=4, dpi=40)
     with Image.open(path) as image:

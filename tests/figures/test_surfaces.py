@@ -38,6 +38,7 @@ def volume(triangles: np.ndarray) -> float:
     return float(np.einsum("ti,ti->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
 
 
+@pytest.mark.slow
 def test_isosurface_of_a_ball():
     errors = []
     for nodes in (15, 29):

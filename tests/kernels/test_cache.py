@@ -93,6 +93,7 @@ def weighted_then_combined(a, b, weights, place):
     return combined(place, weighted(a, 0.0, weights), weighted(b, 0.0, weights))
 
 
+@pytest.mark.slow
 def test_tuples_are_unrolled_and_functions_chosen_when_compiling() -> None:
     """Tuples of any length and mixed types, compiled and as plain Python."""
     for a, b, weights in (((1, 2.5), (3, 4), (2.0, 1)), ((1.5, 2, 3.0, 4), (0, 1, 0.5, 2), (4, 3, 2, 1))):
@@ -313,6 +314,7 @@ def test_a_kernel_is_called_from_both_sides(monkeypatch: pytest.MonkeyPatch, fir
     assert len(both[0].overloads) == len(both[1].overloads) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not compiling.LINKED or numba.config.DISABLE_JIT, reason="each kernel is compiled by itself")
 def test_what_kernels_call_is_not_made_machine_code() -> None:
     """Neither a kernel nor what Numba has of NumPy; a function by numba.njit is, which Python may call at any time."""

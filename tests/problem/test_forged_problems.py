@@ -189,6 +189,7 @@ PROBLEMS = {
 ONLY_SAID = {"what is stated of a black box"}  # words for people, from which nothing follows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_what_is_described_is_what_the_head_names(name, saved, tmp_path):
     """Without a problem beside it: neither the table nor the checker reads on."""

@@ -183,7 +183,7 @@ def assert_alike(table, c, states, step):
             assert np.array_equal(chosen[status == 0], told.inputs[told.promised])
 
 
-LONG = ["arm", "car", "car, remembering", "65 inputs", "289 inputs", "moves", "oddly named"]
+LONG = ["arm", "car", "car, remembering", "65 inputs", "289 inputs", "moves", "oddly named", "measured"]
 LONG += ["tide, remembering", "torus, remembering"]
 
 
@@ -222,7 +222,7 @@ def test_a_thousand_inputs_are_solved_certified_verified_and_exported(tmp_path):
 REMEMBERING = [name for name in CASES if name.endswith("remembering")]
 
 
-@pytest.mark.parametrize("name", [*REMEMBERING, pytest.param("arm, remembering", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", but_slow([*REMEMBERING, "arm, remembering"], "arm, remembering", "car, remembering"))
 def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
     """The same inputs and the same points, bit for bit, of a crowd of which nobody cares where it is led.
 
@@ -362,7 +362,7 @@ def test_images_make_a_file_larger_by_what_is_said(exported):
     assert exported("torus").data[8] == 1 and exported("torus").data[80:84] == bytes(4)  # as it was before
 
 
-@pytest.mark.parametrize("rule", ["effort", "target", "clearance"])
+@pytest.mark.parametrize("rule", but_slow(["effort", "target", "clearance"], "effort"))
 def test_built_in_rules(exported, rule):
     table, c = solved("car"), exported("car", rule=rule)
     controller, states = sdhj.Controller(table, rule=rule), states_of(table, 2000)

@@ -77,6 +77,7 @@ def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
     assert (low <= inside).all() and (inside <= high).all()
 
 
+@pytest.mark.slow
 def test_boxes_are_in_a_set_as_plain_loops_say(rng):
     table = sdhj.solve(unicycle_problem(), sdhj.Certified(cells=(16, 16, 20), parts=4), progress=False)
     bits, edges = table.bits(start=0, within=1), [axis.edges() for axis in table.axes]

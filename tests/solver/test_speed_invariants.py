@@ -253,7 +253,10 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
     ],
 )
 def test_sampled_velocities_stay_within_what_is_stated(gain, method):
-    """State-dependent dynamics on 17^3 nodes, 25 inputs: the peak stays below what is stated in advance."""
+    """State-dependent dynamics on 25^3 nodes, 25 inputs: the peak stays below what is stated in advance.
+
+    On fewer nodes the peak is half of what any solve takes (some MB), which is stated with the process.
+    """
     levels = np.linspace(-1, 1, 5)
     inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), -1).reshape(-1, 2)
 
@@ -262,7 +265,7 @@ def test_sampled_velocities_stay_within_what_is_stated(gain, method):
         return np.stack([u[0] * np.cos(q[:, 1]), u[1] + still, still], axis=1)
 
     problem = sdhj.ReachAvoidProblem(
-        Grid([-1] * 3, [1] * 3, [17] * 3),
+        Grid([-1] * 3, [1] * 3, [25] * 3),
         sdhj.Dynamics(inputs, drift, gain, [0.1] * 3),
         sdhj.TargetSet((0, 1), lambda q, t: np.hypot(q[:, 0], q[:, 1]) - 0.4),
         (sdhj.UnsafeSet((0, 1, 2), lambda q, t: np.hypot(q[:, 0] - q[:, 2], q[:, 1]) - 0.3),),

@@ -245,6 +245,7 @@ def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
             assert found.any() and not found.all()
 
 
+@pytest.mark.slow
 def test_boats_arrive(rng: np.random.Generator) -> None:
     """Judged without the library, the wind at the corners of its box."""
     problem, controller, wind = boat(), controller_of("boat"), np.random.default_rng(5)

@@ -41,6 +41,7 @@ def states_at(step, pace=PACE, count=1000):
     return q, there
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pace", [0.0, PACE])
 def test_every_answer_says_so(pace):
     table = solved(pace)
@@ -59,6 +60,7 @@ def test_every_answer_says_so(pace):
         assert table.fraction(start=step, within=0) < there.mean() * (4.4 / 4) ** 2  # of whole cells alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["deepest", "effort", lambda among: -among.problem.inputs[among.inputs, 0]])
 def test_inputs_in_the_target_lead_back_into_it_or_there_is_none(rule):
     """Judge: the car itself, whose wind is held or turned, from the target under what `select` says."""

@@ -16,6 +16,8 @@ from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.table import files
 
+pytestmark = pytest.mark.slow  # the arm's own kernels are compiled
+
 LONGEST = 10.0  # seconds that an answer may take
 
 

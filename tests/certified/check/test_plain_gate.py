@@ -32,6 +32,7 @@ from forged_robots import (
 )
 from forged_robots import line as on_a_line
 from naive_certified import CIRCLE, LINE, SMALL, STILL
+from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check import argument, formulas, reading, stated, verify
@@ -79,7 +80,9 @@ def box_beside(name):
 
 
 @pytest.mark.parametrize("every", [True, False])
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    "name", but_slow(ROBOTS, *(name for name in ROBOTS if name.startswith(("pursued", "windy", "bent"))))
+)
 def test_what_is_true_is_proved(name, every, files, tmp_path):
     (tmp_path / "true.npz").write_bytes(files(name))
     assert refusals(tmp_path / "true.npz", box_beside(name), every) == []

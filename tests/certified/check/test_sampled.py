@@ -106,6 +106,7 @@ def test_what_is_false_is_named(name, few):
     assert any(said in one for one in found), found
 
 
+@pytest.mark.slow
 def test_a_solve_returns_no_table_of_which_a_claim_is_false(monkeypatch):
     """The prover says of every input that it is clear from everywhere."""
     prepare = GeneralProof.prepare

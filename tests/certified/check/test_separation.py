@@ -20,6 +20,7 @@ def part_of(cell, duration=0.0, push=0.0):
     return np.array([*cell, 0.0, duration, -push, push, -push, push])
 
 
+@pytest.mark.slow
 def test_no_point_of_the_arm_is_farther(rng):
     """`farthest` bounds samples of a box, and by little where the box is small."""
     for turn, size in itertools.product((0.0, 1.0), (0.02, 0.3, 1.5)):

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from sdhj.certified.table import CellSets
 
 
+@pytest.mark.slow
 def test_each_part_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = CellSets.extend
     monkeypatch.setattr(cost_of_cells, "ROBOTS", {"forklift": (fleet.forklift().problem, (12, 12, 12))})

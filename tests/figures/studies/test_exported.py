@@ -1,9 +1,11 @@
 """The script that measures exported tables, on few cells."""
 
 import exported
+import pytest
 from click.testing import CliRunner
 
 
+@pytest.mark.slow
 def test_a_row_is_what_the_files_take():
     done = CliRunner().invoke(exported.main, ["24,24,26"])
     assert done.exit_code == 0, done.output

@@ -50,6 +50,7 @@ def test_the_tip_of_the_arm_is_where_its_links_end(rng: np.random.Generator) -> 
     np.testing.assert_allclose(ArmPursued(3, 1).target(q, 0.0), abs(tip - complex(*TIP)) - TIP_RADIUS, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_row_prints_the_cells_that_there_are() -> None:
     """An interval turns the car by .6 rad: of 24 cells along its heading that are asked for there are 21 of .3 rad."""
     table = sdhj.solve(WORKED["car"].problem(9), sdhj.Certified(cells=(8, 8, 24, 2, 2)), progress=False, play=False)

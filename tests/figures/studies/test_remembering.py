@@ -7,6 +7,7 @@ from click.testing import CliRunner
 import sdhj
 
 
+@pytest.mark.slow
 def test_a_row_has_the_shares_of_both(monkeypatch):
     """On few cells: nobody who forgets stands for ever."""
     monkeypatch.setattr(sdhj, "solve", lambda one, _, solve=sdhj.solve, **given: solve(one, few, **given))

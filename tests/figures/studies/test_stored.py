@@ -31,6 +31,7 @@ def test_one_solve_is_told(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["again"]
 
 
+@pytest.mark.slow
 def test_what_is_watched_is_the_most_there_was():
     if not stored.anonymous_memory():
         pytest.skip("this system does not say")
@@ -61,6 +62,7 @@ def test_of_each_way_the_fastest_is_compared(monkeypatch):
     assert stored.compared("case study", 9, "lax", 2) == "| case study, 9 nodes, lax | 1.0 | 5.0 | 3.0 | 3.00 | 42 MB |"
 
 
+@pytest.mark.slow
 def test_three_ways_solve_and_leave_nothing(tmp_path, monkeypatch):
     written, taken = [], iter([1.0, 3.0, 5.0])
 
