@@ -134,7 +134,7 @@ def decide(
     alike = played == 0 and ends.shape[3] == 1
     near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
     scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
-    boxes = near[: terms if normals is None else PATH]
+    boxes = near[: PATH if normals.shape[0] > 0 else terms]
     samples = samples_for(width if checks != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))

@@ -150,7 +150,7 @@ def place_points(at, state, j, ends, column, normals, lattice, times, faces, poi
         gone |= out & (i <= last)
         past[sample] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
         points[sample, ndim] = times[sample - at]
-    if normals is not None:
+    if normals.shape[0] > 0:
         if times.size > 1:
             _place_cut_corners(at + last + 1, state, j, ends, column, normals, lattice, faces, points, past)
         return

@@ -57,7 +57,7 @@ class Leads(NamedTuple):
     # planes: behind the path the greatest n . x for each normal n, `ndim` of these in a term.
     ends: Any
     scores: Any  # (M, L): the safe input of least score is preferred, of equals that of least margin
-    normals: Any  # (K', ndim): of the planes, or None
+    normals: Any  # (K', ndim): of the planes, of which there may be none
 
 
 class Answers(NamedTuple):
@@ -294,10 +294,9 @@ def _worst_values(values, state, ends, column, normals, order, lattice, scratch,
     That is a box, with points of segments, or slabs between planes; the box around these where a wall may hold a state,
     or there are too many.
     """
-    # What is for planes alone is not compiled where normals is None.
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
-    if normals is not None:
+    if normals.shape[0] > 0:
         last, slabs = _count_slabs(state, ends, normals, column, lattice, scratch)
         for slab in range(slabs):
             _write_boxes_at_slab(slab, last, ends, normals, column, lattice, scratch.moved)

@@ -352,10 +352,10 @@ class Table(ReadOnly):
         choose_by_true_sets(self, batch, rows, ends, scores, checks)
 
     @cached_property
-    def normals(self) -> FloatArray | None:
-        """Normals (K, ndim) of the planes between which inputs lead; None if there are none."""
+    def normals(self) -> FloatArray:
+        """Normals (K, ndim) of the planes between which inputs lead; of a proof, which asks for no true set, none."""
         normals = self.problem.interval(0).normals
-        return normals if normals.size and not self.proved else None
+        return normals[:0] if self.proved else normals
 
     def tape_at(self, step: int) -> Tape:
         """The problem at a step as compiled look-ups read it."""
