@@ -1,14 +1,12 @@
-"""What the parts of a certified solve take, beside what the model says by which cells are chosen.
+"""What a certified solve takes, beside the count by which cells are chosen.
 
-`NUMBA_NUM_THREADS=1 python figures/studies/cost_of_cells.py` solves some robots and prints for each part of the model
-(`sdhj.certified.choosing.costs`) the processor's seconds and those of the model. Where the constants of the model were
-measured, the sums of both were about the same. It takes two to four minutes.
+`NUMBA_NUM_THREADS=1 python figures/studies/cost_of_cells.py` solves some robots and prints the processor's seconds, the
+look at the table's claims among them, and the three terms of `sdhj.certified.choosing.seconds_taken`. It takes two to
+four minutes.
 """
 
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -18,46 +16,9 @@ import maze
 import numpy as np
 
 import sdhj
-from sdhj.certified.arrivals import Arrivals
-from sdhj.certified.choosing import costs, speeds_of
-from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.images import Images
-from sdhj.certified.table import CellSets
+from sdhj.certified.choosing import seconds_taken
 
-PARTS: dict[str, list[tuple[Any, str]]] = {
-    "intervals": [(Images, "tubes_of_places")],
-    "unsafe sets": [(GeneralProof, name) for name in ("_mark_collisions", "_boxes_of_sets", "_mark_in_words")],
-    "arrivals": [(Arrivals, "add")],
-    "recursion": [(CellSets, "extend"), (CellSets, "write_goal"), (CellSets, "finish")],
-}
 FEW = 6  # cells of an axis, to compile with
-
-
-@contextmanager
-def timed() -> Iterator[Counter[str]]:
-    """The seconds that each part takes, of all solves in between."""
-    spent = Counter[str]()
-    plain: list[tuple[Any, str, Any]] = [(*one, getattr(*one)) for some in PARTS.values() for one in some]
-
-    def clocked(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """A function that adds what it takes to a part."""
-
-        def run(*args: Any, **kwargs: Any) -> Any:
-            began = time.thread_time()
-            out = function(*args, **kwargs)
-            spent[part] += time.thread_time() - began
-            return out
-
-        return run
-
-    try:
-        for part, some in PARTS.items():
-            for kind, name in some:
-                setattr(kind, name, clocked(part, getattr(kind, name)))
-        yield spent
-    finally:
-        for kind, name, function in plain:
-            setattr(kind, name, function)
 
 
 def crane() -> sdhj.ReachAvoidProblem:
@@ -121,22 +82,17 @@ ROBOTS: dict[str, tuple[Callable[[], sdhj.ReachAvoidProblem], tuple[int, ...]]] 
 @click.command()
 @click.option("--robot", "names", multiple=True, type=click.Choice(list(ROBOTS)), help="All of them by default.")
 def main(names: tuple[str, ...]) -> None:
-    """Print seconds of each part: measured, by the model."""
-    took, said = Counter[str](), Counter[str]()
+    """Print the seconds of each robot: measured, and by the three terms of the count."""
     for name in names or ROBOTS:
         make, cells = ROBOTS[name]
         problem = make()
         sdhj.solve(problem, sdhj.Certified(cells=(FEW,) * problem.grid.ndim), progress=False, play=False)
-        method = sdhj.Certified(cells=cells)
-        with timed() as spent:
-            table = sdhj.solve(problem, method, progress=False, play=False)
-        model = costs(problem, method.axes(problem), method.parts, speeds_of(problem))
-        each = ", ".join(f"{part} {spent[part]:.2f} {model[part]:.2f}" for part in PARTS)
-        took.update(spent)
-        said.update(model)
-        whole = f"{sum(spent.values()):.1f} {sum(model.values()):.1f}"
-        click.echo(f"{name} {table.shape}, share {table.fraction():.3f}: {each}; in all {whole}")
-    click.echo(", ".join(f"{part} {took[part]:.1f} {said[part]:.1f}" for part in PARTS))
+        method, began = sdhj.Certified(cells=cells), time.process_time()
+        table = sdhj.solve(problem, method, progress=False, play=False)
+        took, terms = time.process_time() - began, seconds_taken(problem, table.axes, method.parts)
+        each = " + ".join(f"{term:.2f}" for term in terms)
+        counted = f"counted {each} = {sum(terms):.1f}"
+        click.echo(f"{name} {table.shape}, share {table.fraction():.3f}: {took:.1f} s, {counted}")
 
 
 if __name__ == "__main__":

@@ -110,6 +110,7 @@ def counted_boxes(
     )
 
 
+NUMBER_OF_A_BLOCK = 4  # bytes, for each row of cells of each set
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 FINEST = 8  # pieces of a part
 SETS_AT_HAND = 40  # as many as boxes of half a cell on three axes, with margins, and their unions take in words
@@ -132,9 +133,10 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
     return min(max(EVALUATED / (math.prod(moves[:-1]) * parts * 2), 1.0), FINEST)
 
 
-def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int]) -> int:
-    """The bytes that a solve by a general proof takes at most, without the sets that it finds; an estimate."""
+def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
+    """The bytes that a solve by a general proof takes at most, but for the blocks of the sets that it finds."""
     own = place_axes(problem, axes)
+    moves = moves_of(problem, axes, own)[1]
     tested = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
@@ -146,6 +148,9 @@ def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: in
     needed += math.prod(sites_of(problem, axes, own)[1])
     if own[-1]:  # once more, as the recursion asks for them
         needed += 4 * math.prod(moves[1:])
+    steps = problem.steps or 0  # for ever the last set alone is kept
+    entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
+    needed += NUMBER_OF_A_BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
@@ -186,7 +191,7 @@ class GeneralProof(Images):
         """A proof with arrays of the right size, which `prepare` fills."""
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
-        require_memory(peak_bytes(problem, axes, parts, moves), f"certifying {size:.1e} cells", "use fewer cells")
+        require_memory(peak_bytes(problem, axes, parts), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         marks = np.full(bytes_of_clear(problem, axes), 255, np.uint8), sites, np.zeros(arrives, np.uint8)
         return cls(problem, axes, parts, strides, low, high, *marks)
@@ -199,7 +204,7 @@ class GeneralProof(Images):
     @property
     def peak_bytes(self) -> int:
         """The bytes that a solve takes at most, without the sets that it finds."""
-        return peak_bytes(self.problem, self.axes, self.parts, self.low.shape)
+        return peak_bytes(self.problem, self.axes, self.parts)
 
     @cached_property
     def dangers(self) -> tuple[Dangers, ...]:

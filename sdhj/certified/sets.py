@@ -147,10 +147,11 @@ class Certified(Options):
     ----------
     cells : sequence of int, optional
         About how many on each axis, adjusted so that cells align with the displacements of one interval, where
-        possible. By default chosen by a model of what cells cost and lose (`sdhj.certified.choosing`); for the arm's
+        possible. By default chosen by a rule, for what they lose and cost (`sdhj.certified.choosing`); for the arm's
         case study (419, 419, 72, 72).
     seconds : float
-        Where cells are chosen: about what a solve may take on two cores. A problem has the same cells on every machine.
+        Where cells are chosen: about what a solve may take on two cores, within a factor of three. A problem has the
+        same cells on every machine.
     parts : int
         Into how many a sampling interval is cut to bound the tube, for the fastest input. Where a velocity grows too
         fast, up to 32 times as many are tried.
@@ -226,7 +227,7 @@ class Certified(Options):
         return kind.of(problem, self.axes(problem), self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """The cells of each axis: about `cells`, or as many as the model chooses (`chosen_cells`), and aligned."""
+        """The cells of each axis: about `cells`, or as many as the rule chooses (`chosen_cells`), and aligned."""
         cells = self.cells
         if cells is None:
             cells = ARM_CELLS if as_built(problem) else chosen_cells(problem, self.parts, self.seconds)
