@@ -77,11 +77,10 @@ def solve(
     resume : bool
         Go on in a folder that an earlier solve left unfinished, if there is one.
     client : distributed.Client, optional
-        Of Dask (extra `dask`), whose workers solve the entries. All must see the folder under the same path.
+        Of Dask (extra `dask`), whose workers solve the entries and see the folder under the same path.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning. Of a
-        certified table whether to warn where it has next to nothing, and say what may help, by method "hji" on few
-        nodes.
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
+        certified table whether to warn, by "hji" on few nodes, where it has next to nothing.
 
     Returns
     -------
@@ -96,8 +95,8 @@ def solve(
     MemoryError
         Before anything is solved, if more memory is needed than is available.
     RuntimeError
-        If the checker does not prove a claim of a certified table: of up to 200,000 all are looked at, else a sample of
-        some 100,000; `table.details["checked"]` says how many, of how many.
+        If the checker does not prove a claim of a certified table: all of up to 200,000 are looked at, else some
+        100,000, as `table.details["checked"]` says.
     OSError, TableFileError
         If the store cannot be written, exists already, belongs to another problem or is damaged.
 

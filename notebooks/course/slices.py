@@ -1,4 +1,4 @@
-"""Slices that follow a slider: pictures made of pixels, because filled contours cost ten times as much."""
+"""Slices that follow a slider: pictures made of pixels, as contours of tubes take 50 to 70 ms more."""
 
 from collections.abc import Sequence
 from functools import cache, lru_cache

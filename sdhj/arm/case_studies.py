@@ -1,8 +1,7 @@
 """The paper's case studies as instances of `ReachAvoidProblem` (Sec. 5 and 6.1).
 
-The state is q = (q1, q2, px, py): the arm's joint angles and the centre of an agent that the adversary controls. The
-agent pursues the arm in `arm_case_study` and flees from its end-effector in `evader_case_study`. Units are metres,
-radians and seconds; every level-set function is in metres.
+The state is q = (q1, q2, px, py): the arm's joint angles and the centre of an agent, which pursues the arm in
+`arm_case_study` and flees from its end-effector in `evader_case_study`. Level-set functions are in metres.
 """
 
 import inspect
@@ -97,9 +96,9 @@ def arm_case_study(
 ) -> ReachAvoidProblem:
     """The robot arm of the paper (Kleff & Li 2020, Sec. 5), as a `ReachAvoidProblem` to be given to `sdhj.solve`.
 
-    Its base is at the origin. It has to reach a moving target while both links avoid moving obstacles and a pursuer.
+    Its base is at the origin. It has to reach a moving target, clear of moving obstacles and a pursuer.
 
-    The paper does not state most of the numbers; the defaults are this library's choice.
+    Most defaults are this library's choice, as the paper does not state them.
 
     Parameters
     ----------
@@ -155,7 +154,7 @@ def evader_case_study(
     evader_box: float = 0.36,
     obstacles: Sequence[Disk | Mapping[str, Any]] = OBSTACLES,
 ) -> ReachAvoidProblem:
-    """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, while avoiding the obstacles.
+    """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, clear of the obstacles.
 
     The target set is the evader, so it depends on all four axes, and "projected" finds nothing: use "hji". Only the
     obstacles are unsafe. The paper gives no numbers. The evader's square is larger than the arm's reach, so it can

@@ -1,8 +1,7 @@
 """The planar workspace of the case study: a two-link arm, and disks that move on given paths (Sec. 5.2 and 5.3).
 
-Lengths are in metres, angles in radians, times in seconds. Distances are measured from the arm's *skeleton* (its two
-links as line segments) to a point or to the trace of a moving point; an arm of half-width w is clear of a disk of
-radius r where ``distance - r - w > 0``.
+Distances are measured from the arm's *skeleton* (its two links as line segments) to a point or to the trace of a moving
+point; an arm of half-width w is clear of a disk of radius r where ``distance - r - w > 0``.
 
 All functions of states and times are plain NumPy that `sdhj.formulas` reads: no decisions but `np.where`.
 """

@@ -29,7 +29,7 @@ SITES_AT_ONCE = 1 << 18
 def sites_of(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, int, int]]:
-    """The strides of sites, (ndim,) int64, and the shape (starts, sites, bytes) of the array `GeneralProof.arrives`.
+    """The strides of sites, (ndim,), and the shape (starts, sites, bytes) of the array `GeneralProof.arrives`.
 
     All is 0 where images are judged by cells alone, without a target or with `Sensing`.
     """

@@ -111,7 +111,7 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """Whether a level-set function is proved <= 0 in all of each box (M, axes) and at all `times`, s: (M,) bool.
+        """Whether a level-set function is proved <= 0 in all of each box (M, axes) and at all `times`, s: (M,).
 
         A box of open sign is cut in two along each axis, `halvings` times, to `most` pieces together; then it is False.
         """
@@ -139,7 +139,7 @@ class Bounds:
     def _sticking_out(
         self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, times: tuple[float, float]
     ) -> FloatArray:
-        """Whether a level-set function is proved > 0 at some corner of each box (M, axes), at all times: (M,) bool."""
+        """Whether a level-set function is proved > 0 at some corner of each box (M, axes), at all times: (M,)."""
         out = np.zeros(len(low), np.bool_)
         for upper in itertools.product((False, True), repeat=low.shape[1]):
             left = np.flatnonzero(~out)

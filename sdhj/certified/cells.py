@@ -58,7 +58,7 @@ def as_fraction(value: float) -> Fraction:
 
 
 def as_rounded_fraction(value: float) -> Fraction:
-    """As `as_fraction`, but the decimal may hold to twelve digits only: 0.6000000000000001 is read as six tenths."""
+    """As `as_fraction`, but the decimal may hold to twelve digits only."""
     short = _decimal(float(value), "", EXACT_DIGITS)
     return short or _decimal(float(value), ".12g", FEW_DIGITS) or Fraction(value)
 
@@ -74,12 +74,12 @@ def _decimal(value: float, form: str, most: int) -> Fraction | None:
 
 
 def _digits(text: str) -> int:
-    """How many significant digits the text of a decimal has, zeros at both ends apart: 2 of "-0.0120e5"."""
+    """How many significant digits the text of a decimal has: 2 of "-0.0120e5"."""
     return len(text.lower().split("e")[0].lstrip("-").replace(".", "").strip("0"))
 
 
 def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
-    """The least and the greatest that the period upper - lower may be; equal where both ends are short decimals."""
+    """The least and the greatest that the period upper - lower may be; equal where both are short decimals."""
     period = as_fraction(upper) - as_fraction(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
     doubt = Fraction(0) if short else period / 2**49
@@ -109,25 +109,25 @@ class CellAxis:
 
     @cached_property
     def count(self) -> int:
-        """The number of cells, layers among them; kept, as the choice of cells asks 70,000 times for it."""
+        """The number of cells, layers among them; kept, as the choice of cells asks 70,000 times."""
         return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
     def last_is_narrower(self) -> bool:
-        """Whether the last cell of a periodic axis is narrower than the others, by more than `DRIFT` of the scale."""
+        """Whether the last cell of a periodic axis is narrower than the others, by more than `DRIFT`."""
         return self.periodic and abs(float(self.count * self.width - self.extent[1])) > DRIFT * self.scale
 
     @cached_property
     def scale(self) -> float:
-        """The largest absolute coordinate on the axis, in its unit; allowances for rounding are a share of it."""
+        """The largest absolute coordinate on the axis, of which allowances for rounding are a share."""
         return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
 
     def edges(self) -> NDArray[np.float64]:
-        """The ends of the cells, ascending, (count + 1,), each as the nearest float; read-only."""
+        """The ends of the cells, ascending, (count + 1,), each as the nearest float."""
         return _edges(self)
 
     def shares(self) -> NDArray[np.float64]:
-        """Each cell's share of the length of the axis, (count,), with a sum of 1; a layer has 0."""
+        """Each cell's share of the length of the axis, (count,); a layer has 0."""
         if any(self.layers):
             return np.diff(self.edges()) / float(self.extent[0])
         lengths = np.full(self.count, float(self.width))
@@ -180,20 +180,20 @@ class CellAxis:
 
 
 def _whole_cells(cells: NDArray[np.float64]) -> IndexArray:
-    """Numbers of cells as int64, clipped to +-`UNCOUNTABLE`; NaN, for which there is no integer, as `UNCOUNTABLE`."""
+    """Numbers of cells as int64, clipped to +-`UNCOUNTABLE`, as which NaN counts."""
     return np.nan_to_num(np.clip(cells, -UNCOUNTABLE, UNCOUNTABLE), nan=UNCOUNTABLE).astype(np.int64)
 
 
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
-    """The ends of the cells of an axis, ascending, (count + 1,), read-only; a layer has width 0."""
+    """The ends of the cells of an axis, ascending, (count + 1,); a layer has width 0."""
     (lower, upper), end = axis.layers, float(axis.lower + sum(axis.extent) / 2)
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count - lower - upper)]
     return read_only(np.array([*inner[:lower], *inner, end, *[end] * upper]))
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0, 0)) -> CellAxis:
-    """The cells of this width on an axis of a grid; ValueError as from `CellAxis`, of a periodic axis."""
+    """The cells of this width on an axis of a grid."""
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
     extent = period_bounds(lower, upper) if periodic else (as_fraction(upper) - as_fraction(lower),) * 2
     return CellAxis(as_fraction(lower), extent, width, periodic, layers)
@@ -213,7 +213,7 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
-    """The cells of an axis of a grid as a file states them, which may be anything; ValueError where it is wrong."""
+    """The cells of an axis of a grid as a file states them, which may be anything."""
     walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
         [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])
@@ -246,10 +246,7 @@ def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> C
 
 
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
-    """Whether the velocity along an axis depends on the input and the disturbance alone, as `moved_bounds` needs it.
-
-    True of every axis of constant dynamics.
-    """
+    """Whether the velocity along an axis depends on the input and the disturbance alone."""
     dynamics = problem.dynamics
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
     return dynamics.constant or (
@@ -278,10 +275,7 @@ def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fra
 
 
 def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
-    """E along one axis, how far a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
-
-    Only for constant dynamics.
-    """
+    """E along one axis of constant dynamics, exactly: error + delay (fast - slow) / 2."""
     if not problem.sensing:
         return Fraction(0)
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
@@ -302,13 +296,13 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 
 
 def common_measure(lengths: Sequence[Fraction]) -> Fraction:
-    """The greatest length of which each of `lengths`, of any sign, is a whole number; 0 if all of them are 0."""
+    """The greatest length of which each of `lengths` is a whole number; 0 if all are 0."""
     pieces = math.lcm(*(length.denominator for length in lengths))  # of one: every length is a number of such
     return Fraction(math.gcd(*(int(length * pieces) for length in lengths)), pieces)
 
 
 def aligned_width(extent: Fraction, measure: Fraction, wish: int) -> Fraction:
-    """A cell width that divides a length, `measure`, for about `wish` >= 1 cells on an axis of length `extent`."""
+    """A cell width that divides `measure`, for about `wish` cells on an axis of length `extent`."""
     if not measure:
         return extent / wish
     parts = round(measure * wish / extent)
@@ -320,7 +314,7 @@ def aligned_width(extent: Fraction, measure: Fraction, wish: int) -> Fraction:
 
 
 def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
-    """The cells of all axes, about cells[k] >= 1 along axis k: of each what `aligned_choices` has for this wish."""
+    """The cells of all axes, about cells[k] along axis k."""
     return tuple(aligned_choices(problem, axis, [wish])[0] for axis, wish in enumerate(cells))
 
 

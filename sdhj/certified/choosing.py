@@ -59,7 +59,7 @@ BLACK_BOX, LOOK_UP = 100, 50  # operations
 
 
 class Speeds(NamedTuple):
-    """What is known of the velocities by `speeds_of`, at states drawn at random and under all inputs."""
+    """What is known of the velocities, at random states and under all inputs."""
 
     # (ndim, ndim), the mean of |J|: by how much bounds on velocity i widen for each unit of a box along axis k
     wider: FloatArray
@@ -200,10 +200,7 @@ def _crossings_of(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> Fl
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
-    """The `Speeds` of a problem: bounds on the velocity at `SPEED_STATES` random states and in small boxes there.
-
-    Entries are not finite where a velocity is undefined.
-    """
+    """The `Speeds` of a problem, at `SPEED_STATES` random states and in small boxes there."""
     return problem.remembered("speeds", lambda: read_only(_speeds_of(problem)))
 
 

@@ -1,7 +1,7 @@
 """The unsafe sets and unsafe ends of a problem, by the axes that it takes to tell which inputs are clear of them.
 
 How far a tube reaches along the axes of an unsafe set depends on these, and on all that velocities along them read.
-Where ends are safe it depends on their axes, too, as what has left there is out of danger. Cells that differ on other
+Where ends are safe it depends on their axes, too. Cells that differ on other
 axes only are alike, so bits are kept for cells of these axes alone; once, if nothing moves, else for each step.
 """
 
@@ -26,11 +26,11 @@ class Dangers(NamedTuple):
 
     @property
     def entry_in_head(self) -> dict[str, Any]:
-        """What a file says of it: lists under "axes", "sets" and "ends"."""
+        """What a file says of it."""
         return {"axes": [*self.axes], "sets": [*self.sets], "ends": [*self.ends]}
 
     def shape(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> tuple[int, int, int]:
-        """How many steps, cells of its axes, and bytes of a cell there are bits for: (starts, cells, bytes)."""
+        """For how many steps, cells of its axes, and bytes of a cell there are bits: (starts, cells, bytes)."""
         starts = problem.most_steps if self.moving else 1
         return starts, math.prod(axes[k].count for k in self.axes), -(-len(problem.inputs) // 8)
 

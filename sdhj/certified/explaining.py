@@ -65,7 +65,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 
 
 def on_few_nodes(table: Any) -> Any:
-    """The table of the same problem and steps by `HJI` on few nodes, shared out as cells are; or None."""
+    """The table of the same problem and steps by `HJI` on few nodes, if that can be."""
     problem, cells = table.problem, np.array(table.shape)
     tubes = table.steps if problem.time_invariant else table.steps * (table.steps + 1) // 2
     few = min(FEW_NODES, WORK / (len(problem.inputs) * max(tubes, 1)))
@@ -82,7 +82,7 @@ def on_few_nodes(table: Any) -> Any:
 
 
 def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tuple[tuple[str, ...], list[str]]:
-    """What keeps a state (1, ndim) out of a tube, as `Explanation.causes`, and what may help: texts."""
+    """What keeps a state out of a tube, as `Explanation.causes`, and what may help."""
     grid = table.on_few_nodes
     if grid is None:
         return (), [UNKNOWN, *advice_for_ever(table)]
@@ -96,7 +96,7 @@ def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tup
 
 
 def scanty_finding(table: Any) -> Finding | None:
-    """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough."""
+    """A `Finding` that a table certifies next to nothing, with what may help."""
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
         return None
@@ -162,7 +162,7 @@ def advice_to_leave_out(problem: ReachAvoidProblem) -> list[str]:
 
 
 class _Cell:
-    """One cell that is not certified: by how much each input fails to lead it on safely, and what would help."""
+    """One cell that is not certified: by how much each input fails, and what would help."""
 
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
         self.table, self.state, self.cell, self.step = table, state, cell, step
@@ -179,7 +179,7 @@ class _Cell:
         self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
 
     def explained(self, says: str, causes: tuple[str, ...], helps: list[str]) -> Explanation:
-        """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice."""
+        """Every input's failure, the nearest first, and advice, after the text `says`."""
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.image_failure(j) if clear[j] else self.collision_failure(j) for j in range(len(clear))]
         # those whose tube is clear come first
@@ -208,7 +208,7 @@ class _Cell:
         return Failure(j, "image", -len(lost) / len(cells), says)
 
     def state_image_certified(self, j: int) -> bool:
-        """Whether all cells that u_j may lead the state alone to, not its whole cell, are certified next."""
+        """Whether all cells that u_j may lead the state alone to are certified next."""
         known, alone = self.table.cells, np.stack([self.state, self.state])
         _, last = self.proof.swept(alone[:, None], j, float(self.cuts[0]), FINEST)
         first, end = (alone + last[0].T - known.lower) / known.width
@@ -226,10 +226,7 @@ class _Cell:
         return cells, ~answer[0]
 
     def collision_failure(self, j: int) -> Failure:
-        """The `Failure` of an input u_j whose tube may meet something: what is met first, when, and how deep.
-
-        `Failure.short` is the lower bound on the distance, <= 0.
-        """
+        """The `Failure` of an input u_j whose tube may meet something: what first, when, and how deep."""
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
             return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
@@ -266,7 +263,7 @@ class _Cell:
     # ---- what would help
 
     def helps(self, nearest: Failure) -> Iterator[str]:
-        """Yield advice, as texts: whether the input meets something from the state alone, and loose bounds."""
+        """Advice: whether the input meets something from the state alone, and loose bounds."""
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
         if nearest.by not in ("", *COVER):
             alone = dict(self.depths(j, np.stack([self.state, self.state])))

@@ -6,7 +6,7 @@ states with their answers to test a reader. `sdhj.h` says what each number is; i
 
 For a controller that remembers (`Sensing.memory`) the images stand behind the bodies, and the file is of version 2: of
 each axis, for each input and each cell of the axes that these images depend on, from the cell's own number on the first
-and the last cell that it leads to, four bytes (`images_of`). Other files are of version 1, byte for byte as before.
+and the last cell that it leads to, four bytes (`images_of`). Other files are of version 1.
 """
 
 import ctypes
@@ -67,13 +67,13 @@ def export_c(
     Parameters
     ----------
     table : CertifiedTable
-        Of a problem without delay. If it is for a controller that remembers, the file gains 4 bytes an axis, an input
-        and a cell of the axes that images depend on, and the loop is `sdhj_step`, or `Exported.loop`.
+        Of a problem without delay. If it is for a controller that remembers, the loop is `sdhj_step`, or
+        `Exported.loop`.
     folder : path
         Made where it does not exist.
     rule : {"deepest", "effort", "target", "clearance", "small"}, optional
-        Which proved input `sdhj_select` prefers, asked at the centre of each cell; "small": the one that is proved in
-        most cells, for a small file, by default where "select" is all that is exported, else "deepest".
+        Which proved input `sdhj_select` prefers, asked at the centre of each cell; "small", the one proved in most
+        cells, is the default where "select" is all that is exported, else "deepest".
     only : sequence of {"steps", "select", "safe", "filter", "clear"}
         What the file answers: the steps to go; one input; all inputs of the fewest steps; all after which the target
         can still be reached in time; all that stay clear for one interval, for `sdhj_fallback`.
@@ -206,7 +206,7 @@ class Packer:
         self.blocks: list[FloatArray] = []
 
     def add(self, found: FloatArray) -> FloatArray:
-        """The numbers (n,) uint32 of the words found (n, size) uint8; new words are kept and get the next numbers."""
+        """The numbers (n,) of the words found (n, size); new words are kept."""
         out = np.empty(len(found), np.int64)
         while (used := number_records(found, self.known, self.used, self.slots, out)) < 0:
             full = self.known  # all of it is used
@@ -217,7 +217,7 @@ class Packer:
         return out.astype(np.uint32)
 
     def pack(self, numbers: FloatArray, width: int) -> None:
-        """Pack the numbers (B, cells) of the words of B blocks into bodies, of `width` bytes; after the last `add`."""
+        """Pack the numbers (B, cells) of B blocks into bodies, of `width` bytes; after the last `add`."""
         seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
         for one in numbers:
             body = room[: pack_block(one, width, seen, room)].tobytes()
@@ -251,10 +251,7 @@ class InLines:
         return np.minimum(np.moveaxis(every, self.along, -2).reshape(-1, len(self.sides)), self.counts - 1)
 
     def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
-        """The numbers (M,) of the words of a piece's cells, in the order of `cells`, put in order by block.
-
-        (B, cells of a block), contiguous.
-        """
+        """The numbers (M,) of a piece's words put in order by block: (B, cells of a block)."""
         blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
         shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
         shape.append(shape.pop(self.along))
@@ -265,7 +262,7 @@ class InLines:
 
 
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
-    """The bytes of `sdhj_table.bin` with the given fields; its words are made in threads, pieces of cells at a time."""
+    """The bytes of `sdhj_table.bin`; its words are made in threads, pieces of cells at a time."""
     pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
@@ -289,7 +286,7 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
 
 
 def _bytes_for(count: int) -> int:
-    """The fewest bytes, at least 1, in which every whole number from 0 to count - 1 can be written."""
+    """The fewest bytes in which every whole number below `count` can be written."""
     return max(1, -(-(count - 1).bit_length() // 8))
 
 
@@ -435,7 +432,7 @@ def python_answers(
 
 
 def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
-    """Where states (M, ndim) are, as `sdhj_locate` says it: 0 on the grid, else `OFF_GRID` or `PAST_SAFE_END`."""
+    """Where states (M, ndim) are: 0 on the grid, else `OFF_GRID` or `PAST_SAFE_END`."""
     below, above = table.past_ends(states)
     safe = table.grid.ends_where("frees")
     # past an end that is not safe is off the grid, whatever the other axes say
@@ -450,19 +447,19 @@ def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
 
 
 def c_comment(text: str) -> str:
-    """The text with "_" for every character that is not printable ASCII, or might end or upset a comment of C."""
+    """The text with "_" for what is not printable ASCII, or might end or upset a comment of C."""
     return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
 
 
 def checked_in_c(table: CertifiedTable) -> list[str]:
-    """Lines of a comment of C: how many of the table's claims were checked when it was solved."""
+    """Lines of a comment of C: how many of the table's claims were checked."""
     looked, made = table.details.get("checked", (0, 0))
     more = "; `sdhj verify` checks all" if looked < made else ""
     return [f" * {looked:,} of {made:,} claims of the table were checked at its solve{more}"] * (made > 0)
 
 
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
-    """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`, the bytes of `sdhj_table.bin`."""
+    """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`."""
     problem, grid, inputs, arrived = table.problem, table.grid, table.problem.inputs, arrived_in_c(table.problem)
     name, *axes = map(c_comment, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
@@ -558,13 +555,13 @@ QUESTIONS = ("steps_to_go", "select", "fallback", "filter", "filter_command", "s
 class Exported:
     """An exported table, whose methods ask the C of `sdhj.h` about states (M, ndim) at a step.
 
-    A method for each of `QUESTIONS` returns the status of every state, (M,) int, 0 where the answer counts (`sdhj.h`
+    A method for each of `QUESTIONS` returns the status of every state, (M,), 0 where the answer counts (`sdhj.h`
     has the others), and the answers: (M,) int of `steps_to_go`, `select`, `fallback`, `filter` and `filter_command`,
     (M, L) bool of `safe_inputs` and `clear_inputs`. OSError where there is no C compiler.
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
-        """Read the file in a folder to which `table` has been exported; OSError where there is none."""
+        """Read the file in a folder to which `table` has been exported."""
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
@@ -593,8 +590,6 @@ class Exported:
 
         Raises
         ------
-        ValueError
-            For another name or shape of states.
         OSError
             Without a C compiler.
         """
@@ -619,22 +614,19 @@ class Exported:
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
-        """One of `QUESTIONS` as a function (states, step=0, wanted=None, *, first=False) that calls `ask`."""
+        """One of `QUESTIONS` as a function that calls `ask`."""
         if name not in QUESTIONS:
             raise AttributeError(name)
         return partial(self.ask, name)
 
     def loop(self, count: int) -> "Loop":
-        """The control loops of `count` robots, with empty memories.
-
-        ValueError unless the table is for a controller that remembers, OSError without a C compiler.
-        """
+        """The control loops of `count` robots, with empty memories, of a table for controllers that remember."""
         if not self.table.problem.sensing.remembers:
             raise ValueError("only tables solved with Sensing(..., memory=True) have a loop; ask select and filter")
         return Loop(self, count)
 
     def selftest(self) -> int:
-        """For how many of the `TESTS` states in the file the C answers otherwise than Python did; 0 if all is right."""
+        """For how many of the `TESTS` states in the file the C answers otherwise than Python did."""
         library, opened = self._opened
         library.x_selftest.restype = ctypes.c_uint32
         return int(library.x_selftest(opened))
@@ -666,7 +658,7 @@ class Exported:
 
 
 class Loop:
-    """The control loops of M robots in C, each with a memory of its own (`sdhj_step`); made by `Exported.loop`."""
+    """The control loops of M robots in C, each with a memory of its own (`sdhj_step`)."""
 
     def __init__(self, exported: Exported, count: int) -> None:
         self.exported, self.count = exported, count

@@ -155,7 +155,7 @@ def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: in
 
 
 class _Asked(NamedTuple):
-    """What tubes are tested by, of the cells of some axes alone: those of `dangers`."""
+    """What tubes are tested by, of the cells of some axes: those of `dangers`."""
 
     dangers: Dangers
     layout: Placed  # the cells in memory, without lines
@@ -208,7 +208,7 @@ class GeneralProof(Images):
 
     @cached_property
     def dangers(self) -> tuple[Dangers, ...]:
-        """The dangers whose bits are kept together, in the order of `clear`."""
+        """The dangers whose bits are kept together."""
         return kept_together(dangers_of(self.problem))
 
     @property
@@ -238,7 +238,7 @@ class GeneralProof(Images):
         return Clear(self.clear, *read_only(found))
 
     def counts_of(self, dangers: Dangers) -> FloatArray:
-        """How many cells there are along each axis, (ndim,), 1 on those that the dangers are not asked about on."""
+        """How many cells there are along each axis, 1 on those that the dangers do not have."""
         own = np.zeros(len(self.axes), np.bool_)
         own[[*dangers.axes]] = True
         return np.where(own, self.cells.counts, 1)
@@ -253,7 +253,7 @@ class GeneralProof(Images):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """Which of some inputs are certified for cells `some` (M, ndim), indices, at a step: bool (M, L).
+        """Which of some inputs are certified for cells `some` (M, ndim), indices, at a step: (M, L).
 
         An input is certified if it stays clear and leads all of the cell into the set with a step less, or into the
         target itself.
@@ -261,7 +261,7 @@ class GeneralProof(Images):
         steps_left (M,) : 0: no input is certified. sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the
         numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
-        among : (M, L) bool, the inputs that are asked about; False for all others.
+        among : (M, L), the inputs that are asked about; False for all others.
         lines : whether the cells come in lines along the axis `along`, which takes less time.
         """
         out, clear = among.copy(), self.clear_at(step)
@@ -289,7 +289,7 @@ class GeneralProof(Images):
 
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """The proof's arrays in a file: "low", "high" and "clear", and "arrives" where there are any."""
+        """The proof's arrays in a file: "low", "high" and "clear", and "arrives" if any."""
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
         return {name: getattr(self, name) for name in names}
 
@@ -321,7 +321,7 @@ class GeneralProof(Images):
     # ---- the recursion; sets are (rows, W) uint64
 
     def _asked(self) -> list[_Asked]:
-        """What tubes are tested by, for all dangers of the same axes; those of `dangers` write to `clear` itself."""
+        """What tubes are tested by, for all dangers of the same axes."""
         edges = np.full((len(self.axes), self.cells.counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
@@ -364,7 +364,7 @@ class GeneralProof(Images):
 
     @cached_property
     def sets_tested_in_words(self) -> tuple[UnsafeSet, ...]:
-        """The unsafe sets that tubes are tested against for 64 cells at a time (`word_tubes.in_words`)."""
+        """The unsafe sets that tubes are tested against 64 cells at a time (`word_tubes.in_words`)."""
         few = math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
         depends = self.strides > 0
         return tuple(
@@ -445,7 +445,7 @@ class GeneralProof(Images):
         places: tuple[int, int],
         tubes: FloatArray,
     ) -> None:
-        """Clear the bit of u_j in `asked.bits`, in place, for all steps with these moves; it numbers the places."""
+        """Clear the bit of u_j in `asked.bits` for all steps with these moves; it numbers the places."""
         dangers, bit = asked.dangers, np.uint8(1 << j % 8)
         still = np.full(asked.bits.shape[1], 255, np.uint8)
         if dangers.ends:
@@ -467,14 +467,14 @@ class GeneralProof(Images):
             asked.bits[step, :, j // 8] = clear
 
     def _faces(self, ends: Sequence[int]) -> FloatArray:
-        """The coordinates of the unsafe ends of some axes, by rounding farther out, infinite for others: (2, ndim)."""
+        """The coordinates of the unsafe ends of some axes, a rounding farther out, infinite for others."""
         grid, others = self.problem.grid, np.isin(np.arange(len(self.axes)), ends, invert=True)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         faces = np.stack(grid.faces("fails")) + np.stack([-rounding, rounding])
         return np.where(others, np.stack([-np.full(others.size, np.inf), np.full(others.size, np.inf)]), faces)
 
     def _in_lines(self, layout: Placed, axes: Sequence[int]) -> Placed:
-        """A layout with its cells in lines along the last of some axes on which cells at one place differ."""
+        """A layout with its cells in lines along the last of some axes on which cells at a place differ."""
         counts, some = layout.counts, (self.strides == 0) & (layout.counts > 1)
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
@@ -502,7 +502,7 @@ class GeneralProof(Images):
         return out
 
     def _boxes_of_sets(self, progress: bool | None) -> dict[int, list[Boxes]]:
-        """The `counted_boxes` of each unsafe set, by its number: one for each step, or one of all steps."""
+        """The `counted_boxes` of each unsafe set: one for each step, or one of all steps."""
         made, out = partial(counted_boxes, self.bounds, self.axes), dict[int, list[Boxes]]()
         each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
         for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
@@ -529,11 +529,11 @@ class GeneralProof(Images):
 
     @kept
     def _clear_of_still(self) -> FloatArray:
-        """Which cells are outside the unsafe sets that stand still: bool (*counts), as `clear_of`."""
+        """Which cells are outside the unsafe sets that stand still."""
         return self.clear_of(False, self._all_times, np.ones([axis.count for axis in self.axes], np.bool_))
 
     def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Which cells that are `asked` about are outside the unsafe sets that move, or stand still, at all `times`."""
+        """Which cells `asked` about are outside the unsafe sets that move, or stand still, at all `times`."""
         out = asked.copy()
         for part in self.problem.unsafe:
             if part.moving == moving and part.inputs is None:
@@ -550,18 +550,18 @@ class GeneralProof(Images):
         prepared.add(cells, following, step, changed)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself."""
+        """Add to `cells`, S_k^1, those that a clear input leads into the target itself."""
         if len(self.arrives):
             arrives = self.arrives[min(step, len(self.arrives) - 1)]
             add_marked(cells, self.clear_at(step), arrives, self.sites, self.cells.counts)
 
 
 def _strides(counts: FloatArray) -> FloatArray:
-    """By how much the flat number of a cell grows along each axis, the last fastest; counts (ndim,) of cells."""
+    """By how much the flat number of a cell grows along each axis; counts (ndim,) of cells."""
     return np.cumprod([1, *counts[:0:-1].tolist()])[::-1]
 
 
 def _numbers(which: FloatArray, counts: FloatArray) -> FloatArray:
-    """The numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool, in C order."""
+    """The numbers (n,) of the cells that have index 0 on all axes but `which`."""
     each = zip(_strides(counts), np.where(which, counts, 1), strict=True)
     return np.asarray(reduce(np.add.outer, [flat * np.arange(count) for flat, count in each])).ravel()

@@ -8,8 +8,8 @@ velocity in a larger box B. If X + [0, h] V lies inside B, the state stays in B 
 where it already has. Its lower end on axis i, say at a, is then at least a + h F, where F bounds the velocity along i
 from below in the part of B where x_i is in [a + h min(0, V_i), a + h max(0, V_i)]: as long as the bound is the least
 coordinate the state moves no slower than F there, and else it is ahead of the bound (Mueller's theorem on differential
-inequalities). No integration is approximate. Walls only hold the state back: ends are clipped at them. What has left
-over a safe end is out of danger for good: once a whole tube is past one, nothing more is asked of it.
+inequalities). Walls only hold the state back: ends are clipped at them. What has left over a safe end is out of danger
+for good: once a whole tube is past one, nothing more is asked of it.
 
 From a cell of no width at a wall (`sdhj.certified.cells`) a state moves nothing while it is held there. But the shell
 reaches over it, and what is in the shell moves, until the wall has it. So where there are layers the first piece of an
@@ -118,7 +118,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 
 
 class GrowsTooFast(ValueError):
-    """No box is found that states stay in for a part of an interval; for shorter parts there may be one."""
+    """No box is found that states stay in for a part of an interval."""
 
 
 @dataclass(frozen=True)
@@ -136,29 +136,29 @@ class Proof(ReadOnly):
 
     @cached_property
     def along(self) -> int:
-        """The axis along which `inputs` takes less time for cells that come in lines; -1 if there is none, as here."""
+        """The axis along which `inputs` takes less time for cells in lines, or -1."""
         return -1
 
     def places(self, some: FloatArray) -> FloatArray:
-        """The numbers of the places of cells `some` (M, ndim): (M,) int64; cells at a place move alike. Here all 0."""
+        """The numbers of the places of cells: here all 0."""
         return np.zeros(len(some), np.int64)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to `cells`, S_k^1 for k = step, in place, those that an input leads into the target itself; here none."""
+        """Add to `cells` those that an input leads into the target itself; here none."""
 
     @property
     def rows(self) -> int:
-        """How many leading axes number the blocks of packed sets: here all but the last."""
+        """How many leading axes number the blocks of packed sets."""
         return len(self.axes) - 1
 
     @property
     def time_invariant(self) -> bool:
-        """Whether one set serves all starts, because nothing in the problem depends on time."""
+        """Whether one set serves all starts."""
         return self.problem.time_invariant
 
     @property
     def shrinks(self) -> bool:
-        """Whether sets lose cells, rather than gain them, with every step to go: without a target."""
+        """Whether sets lose cells with every step to go: without a target."""
         return self.problem.has_no_target
 
     @kept
@@ -254,18 +254,18 @@ class Images(Proof):
 
     @kept
     def layers(self) -> FloatArray:
-        """The coordinates of the layers at lower and upper ends, (2, ndim); -inf and +inf where there are none."""
+        """The coordinates of the layers at lower and upper ends, (2, ndim), else -+inf."""
         edges = np.array([axis.edges()[[0, -1]] for axis in self.axes]).T
         return np.where(self.cells.layers == 1, edges, [[-np.inf], [np.inf]])
 
     @property
     def _all_times(self) -> tuple[float, float]:
-        """Times, s, between which all intervals of the problem lie: 0 and t_N, infinity with no number of steps."""
+        """Times, s, between which all intervals lie: 0 and t_N, or infinity."""
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
     @kept
     def open_ends(self) -> FloatArray:
-        """The safe ends of axes, (2, ndim), past which nothing is asked of an image; infinite for all other ends."""
+        """The safe ends of axes, (2, ndim), past which nothing is asked; infinite for others."""
         return np.stack(self.problem.grid.faces("frees"))
 
     def moves(self, step: int) -> Moves:
@@ -275,7 +275,7 @@ class Images(Proof):
 
     @cached_property
     def along(self) -> int:
-        """The last axis before the packed one that is no place's and has no safe end; -1 if there is none."""
+        """The last axis before the packed one that is no place's and has no safe end, or -1."""
         shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.open_ends[:, :-1]).any(axis=0))
         return int(shift_invariant[-1]) if shift_invariant.size else -1
 
@@ -285,7 +285,7 @@ class Images(Proof):
 
     @kept
     def depends(self) -> FloatArray:
-        """depends[i, k], bool: whether the offset of images along axis i varies with the cell's index along axis k."""
+        """depends[i, k]: whether the offset of images along axis i varies with the index along axis k."""
         ndim, own = len(self.axes), self.strides > 0
         moves = np.stack([self.low, self.high], axis=-1).reshape(
             *self.low.shape[:2], *np.where(own, self.cells.counts, 1), ndim, 2
@@ -302,7 +302,7 @@ class Images(Proof):
 
     @kept
     def farthest_moves(self) -> FloatArray:
-        """The box of offsets, in cells, that holds all images, from any place and input: (starts, 2, ndim) int64."""
+        """The box of offsets that holds all images, from any place and input: (starts, 2, ndim)."""
         return np.stack([self.low.min(axis=(1, 2)), self.high.max(axis=(1, 2))], axis=1).astype(np.int64)
 
     def fill(
@@ -333,12 +333,12 @@ class Images(Proof):
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
-        """A cell (M, ndim) at each place, by its number (M,): that with index 0 on the axes that are no place's."""
+        """A cell (M, ndim) at each place (M,), with index 0 on the axes that are no place's."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
     def tubes_of_places(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """What `Images.swept` returns for the cells at places (M,), widened by the shell, under u_j: (tubes, last)."""
+        """What `Images.swept` returns for the cells at places, widened by the shell, under u_j."""
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
@@ -434,7 +434,7 @@ class Images(Proof):
         return self._clipped_at_walls(start, after)
 
     def _clipped_at_walls(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clip `moved` (2, M, ndim) in place so that start + moved ends at walls, rounded outward, and return it."""
+        """Clip `moved` so that start + moved ends at walls, rounded outward, and return it."""
         clip_to_walls(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
@@ -509,11 +509,11 @@ class Images(Proof):
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def outside_cells(self, part: UnsafeSet, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Whether each cell that is `asked` about is proved outside a set at all `times`: bool, as `over_cells`."""
+        """Whether each cell `asked` about is proved outside a set at all `times`."""
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def _ends_along(self, part: TargetSet | UnsafeSet) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Lower and upper ends of the cells along each axis of a set, widened by shell and E: two lists of (count,)."""
+        """Lower and upper ends of the cells along each axis of a set, widened by shell and E."""
         edges = [(self.axes[axis].edges(), self.shell[axis] + self.prediction_error[axis]) for axis in part.axes]
         return [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]

@@ -99,7 +99,7 @@ class Packing:
         cells[...] = led if self.proof.shrinks else cells | led
 
     def _clear_words(self, step: int) -> ClearWords:
-        """From which cells each input is clear in the interval from a step; `words` keeps what does not move."""
+        """From which cells each input is clear in the interval from a step."""
         proof, kept, each = self.proof, dict[tuple[int, int], FloatArray](), list[Any]()
         for kind, (one, bits) in enumerate(zip(proof.dangers, proof.bits_of_clear, strict=True)):
             start, counts = min(step, len(bits) - 1), proof.counts_of(one)
@@ -116,7 +116,7 @@ class Packing:
         return ClearWords(*read_only((every, begin, sizes, strides)))
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
-        """`add` for sets that are packed along `axis` already; `cells` is modified in place."""
+        """`add` for sets that are packed along `axis` already."""
         # only words of cells whose images may hold a change are looked at
         near = np.full(cells.shape, True) if changed is None else reached_words(*changed, some.far, some.cells)
         extended = self._extended(following, some)
@@ -141,7 +141,7 @@ class Packing:
         return self.known[at]
 
     def _in_order(self, some: _Swapped) -> _Swapped:
-        """What `some` has, in the order of axes `order`: with `axis` and the last one exchanged, as new arrays."""
+        """What `some` has, with `axis` and the last axis exchanged, as new arrays."""
         order = self.order
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
@@ -154,7 +154,7 @@ class Packing:
         return _Swapped(cells, moves, read_only(np.ascontiguousarray(some.far[..., order])), clear)
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
-        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead, or `back`: new."""
+        """The set `sets`, packed along `axis` in place of the last axis, or `back`: new."""
         counts = self.proof.cells.counts
         ends = [int(counts[self.axis]), int(counts[-1])]
         first, last = ends[::-1] if back else ends
@@ -164,13 +164,13 @@ class Packing:
 
 
 def words_by_input(bits: FloatArray, count: int, inputs: int) -> FloatArray:
-    """Bits (cells, bytes) uint8 in words of rows of `count` cells: (inputs, rows, W) uint64; 0 or all ones for 1."""
+    """Bits (cells, bytes) in words of rows of `count` cells: (inputs, rows, W)."""
     each = ((bits[:, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(-1, count) for j in range(inputs))
     return np.stack([to_words(own) if count > 1 else own * FULL for own in each])
 
 
 def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:
-    """The words with cells whose image under some input may hold a cell that has changed: (R, W) bool.
+    """The words with cells whose image under some input may hold a cell that has changed: (R, W).
 
     `rows` (n,) and their words `changed` (n, W) have the changes; `far` (2, ndim) the first and the last cell that
     inputs lead to from any place.

@@ -41,18 +41,16 @@ The obligations of the proof, where each is met, and the test (certified, promis
     shell is the reserve of a run from there: it may drift by that in all, through the plant's rounding, because an
     image may stick out of its cells by 2e-13 of the coordinate, or because a velocity is not the decimal that
     `as_rounded_fraction` takes it for, 5e-13 of it. `CertifiedTable.steps_of_rounding` says for how many steps. Goals
-    and tubes hold for states in the shell, too, so a closed set is shrunk by 1e-10 of the coordinate, where it does
-    not end with the grid.
+    and tubes hold for states in the shell, too.
     [test_state_on_an_edge, test_a_promised_run_has_a_reserve_for_rounding, test_borders_may_coincide]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target] For the others also by all of an image, whatever its cells: `Arrivals`.
     [test_arrivals_on_a_line_are_those_of_the_closed_form, test_no_state_of_a_cell_that_arrives_is_outside_the_target]
 10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
     is of the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of
-    the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`,
-    `prediction_error_along`. With memory a cell holds the points that are carried on, whose state is within E: the
-    image is widened by E before and shrunk by E after, to its middle at least. Who clips a prediction to its cells
-    keeps the state within E (`Table.next_points`). What is held at a wall as a whole is known there: the state of a
+    the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`, `prediction_error_along`.
+    With memory a cell holds the points that are carried on, whose state is within E: the image is widened by E before
+    and shrunk by E after, to its middle at least. What is held at a wall as a whole is known there: the state of a
     layer is not widened along its axis, and no point but one that says so is in it (`Cells.wall_known`).
     [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
@@ -111,8 +109,7 @@ The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of
 they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
 of 8, which is a share of the coordinates. Velocities may jump. Promises enter only where a function is a
 `sdhj.BlackBox`: what its author declares. The unsafe set counts at every instant, so `view_time` makes no difference
-here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what is lost against the exact set is a
-layer of cells along the target, the obstacles and the pursuer.
+here.
 """
 
 import reprlib
@@ -221,7 +218,7 @@ class Certified(Options):
                 parts = min(2 * parts, most)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
-        """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`."""
+        """An `ArmProof` of the arm's case studies, else a `GeneralProof`, not yet prepared."""
         kind: type[ArmProof] | type[GeneralProof]  # an arm with another set is a robot like any other
         kind = ArmProof if as_built(problem) else GeneralProof
         return kind.of(problem, self.axes(problem), self.parts)

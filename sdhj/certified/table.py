@@ -91,7 +91,7 @@ class CertifiedTable(Table):
 
     @property
     def cells(self) -> Cells:
-        """Where the cells are and how they are packed, as arrays for compiled code (`Cells`)."""
+        """Where the cells are and how they are packed, for compiled code."""
         return self.proof.cells
 
     @property
@@ -121,7 +121,7 @@ class CertifiedTable(Table):
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
-        """The fewest steps within which states (M, ndim) at a step are certified to reach the target: (M,) int64.
+        """The fewest steps within which states (M, ndim) at a step are certified to reach the target: (M,).
 
         N - step + 1 where none is certified.
         """
@@ -130,7 +130,7 @@ class CertifiedTable(Table):
         return found
 
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """The numbers (R,) of states (M, ndim) at a step that are in the target itself and clear, in any cell."""
+        """The numbers (R,) of states that are in the target itself and clear, in any cell."""
         # by the level-set functions; of none that is off the grid by more than the shell
         rows = self.problem.arrived(states, step)
         return rows[~np.logical_or(*self.past_ends(states[rows])).any(axis=1)] if rows.size else rows
@@ -156,13 +156,13 @@ class CertifiedTable(Table):
         return self._first_set(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are in the tube (start, within), in its cells or `arrived`: (M,) bool."""
+        """Whether states are in the tube (start, within), in its cells or `arrived`."""
         out = self.in_cells(points, start, within)
         out[self.arrived(np.atleast_2d(points), start)] = True
         return out
 
     def in_cells(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are in the closed cells of the tube (start, within), no shell: (M,) bool.
+        """Whether states (M, ndim) are in the closed cells of the tube (start, within), no shell: (M,).
 
         With sensing, all of the box E around it.
         """
@@ -173,7 +173,7 @@ class CertifiedTable(Table):
         return out
 
     def _inside_around(self, states: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether all that may be measured of states (M, ndim) is in the tube (start, within): (M,) bool."""
+        """Whether all that may be measured of states is in the tube (start, within)."""
         off, ndim = self.proof.prediction_error, len(self.axes)
         many = math.prod(math.ceil(2 * e / float(own.width)) + 2 for e, own in zip(off, self.axes, strict=True))
         found, asked = np.ones(len(states), np.bool_), np.arange(len(states))
@@ -196,12 +196,12 @@ class CertifiedTable(Table):
         return found
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim), measured or predicted, are in no closed cell of the tube (start, within): (M,)."""
+        """Whether points, measured or predicted, are in no closed cell of the tube."""
         place = self.tube_index(start, within)
         return self._first_set(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
-        """Whether the cell (ndim,) int64, indices on the grid, is certified for the tube (start, within)."""
+        """Whether the cell with indices (ndim,) is certified for the tube (start, within)."""
         place, out = self.tube_index(start, within), np.empty(1, np.int64)
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
@@ -235,7 +235,7 @@ class CertifiedTable(Table):
         )
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether all, and whether any, states of boxes from low to high (M, ndim) are in a tube's cells: bool (2, M).
+        """Whether all, and whether any, states of boxes from low to high (M, ndim) are in a tube's cells: (2, M).
 
         A box may exceed the cells by the shell plus twice `DRIFT` of the scale. One that crosses the end of an axis
         counts as certified in part.
@@ -261,7 +261,7 @@ class CertifiedTable(Table):
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
-        """Which inputs are proved safe and to leave `within` - 1 steps to go, from states (M, ndim): bool (M, L)."""
+        """Which inputs are proved safe and to leave `within` - 1 steps to go, from states (M, ndim): (M, L)."""
         place, within = self.tube_index(step, within), min(within, self.steps - step)
 
         def asked(cells: FloatArray) -> FloatArray:
@@ -273,7 +273,7 @@ class CertifiedTable(Table):
         return self._inputs_of_near_cells(states, asked)
 
     def _inputs_of_near_cells(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L)."""
+        """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: (M, L)."""
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
         count = cells_near(states, self.cells, self.proof.shell, rows, cells)
@@ -291,7 +291,7 @@ class CertifiedTable(Table):
     def inputs_of(
         self, cells: FloatArray, steps_left: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
     ) -> FloatArray:
-        """Which inputs are certified from all states of cells (M, ndim), indices, at a step: bool (M, L).
+        """Which inputs are certified from all states of cells (M, ndim), indices, at a step: (M, L).
 
         An input is certified if it leads into the set with `steps_left` (M,) - 1; 0: none is. Only those `among` (M, L)
         are asked about; cells in `lines` along `proof.along` take less time.
@@ -303,7 +303,7 @@ class CertifiedTable(Table):
         return self.proof.inputs(cells, steps_left, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
-        """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
+        """Which inputs are proved to stay clear over the interval from all states of cells: (M, L)."""
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
@@ -355,7 +355,7 @@ class CertifiedTable(Table):
         return np.where(cells.periodic, edges, np.clip(edges, self.grid.lower, self.grid.upper))
 
     def centres(self, cells: FloatArray) -> FloatArray:
-        """The states (M, ndim) in the middle of cells (M, ndim), indices; along an axis of a layer, at the wall."""
+        """The states in the middle of cells (M, ndim), indices; along an axis of a layer, at the wall."""
         edges = [axis.edges() for axis in self.axes]
         return np.stack([(one[k] + one[k + 1]) / 2 for one, k in zip(edges, cells.T, strict=True)], axis=1)
 
@@ -379,7 +379,7 @@ class CertifiedTable(Table):
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Certified steps to go of points (M, V, ndim) minus `within` (M,): (M, V), <= 0 in the tube or its shell."""
+        """Certified steps to go of points (M, V, ndim) minus `within`: <= 0 in the tube or its shell."""
         to_go = self.steps_by_cells(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
@@ -421,7 +421,7 @@ class CertifiedTable(Table):
         return batch
 
     def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
-        """The input that a built-in rule prefers at the centre of each state's cell: (M,), -1 where none is safe."""
+        """The input that a built-in rule prefers at the centre of each state's cell, or -1: (M,)."""
         if rule == "deepest":
             return batch.best.copy()
         found = self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
@@ -436,12 +436,12 @@ class CertifiedTable(Table):
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """All True, (M,), as safe inputs are proved; controllers ask this of any table."""
+        """All True, as safe inputs are proved."""
         return np.ones(len(inputs), np.bool_)
 
     @cached_property
     def _words(self) -> Words:
-        """The words of the cells that have been asked about; not copied with the table."""
+        """The words of the cells that have been asked about, not copied with the table."""
         return Words()
 
     def bits(self, *, start: int, within: int) -> FloatArray:
@@ -453,7 +453,7 @@ class CertifiedTable(Table):
         return to_bits(self.pool[self.index[self.tube_index(start, within)]], packed).reshape(self.shape)
 
     def _share(self, start: int, within: int) -> float:
-        """The share of the state space in the tube (start, within), from 0 to 1: the volume of its cells."""
+        """The share of the state space in the tube, by the volume of its cells."""
         if self.problem.sensing:
             # an estimate: not all of a cell is in the tube
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
@@ -472,16 +472,15 @@ class CertifiedTable(Table):
 
     @cached_property
     def on_few_nodes(self) -> Any:
-        """The table of the problem on few nodes, or None; solved when it is first asked about, for `explain`."""
+        """The table of the problem on few nodes, or None; solved when first asked about."""
         return on_few_nodes(self)
 
     def steps_of_rounding(self, rounding: float = 1e-14) -> int:
         """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.
 
-        `contains` counts closed cells. Of later states those count, too, that are off a cell by the shell, 1e-10 of the
-        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out by twice `DRIFT`,
-        2e-13 of it, and the robot's own state is rounded. A table for ever holds for so many steps in which all of that
-        falls to one side.
+        `contains` counts closed cells; later states may be off a cell by the shell, 1e-10 of the largest coordinate of
+        an axis (of an arm 1e-10 m and rad). In a step an image may stick out by twice `DRIFT`, 2e-13 of it, and the
+        robot's own state is rounded. A table for ever holds for so many steps in which all of that falls to one side.
 
         Parameters
         ----------
@@ -553,7 +552,7 @@ class CertifiedTable(Table):
 
     @property
     def _head(self) -> dict[str, Any]:
-        """The head of a file of the table as it is read of one, but for digests."""
+        """The head of a file of the table, but for digests."""
         head = make_head(self.problem, self.method, self.details, "") | self._entries
         return dict(json.loads(json.dumps(head)))
 
@@ -621,7 +620,7 @@ class CellSets:
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
-        """Prepare a `sdhj.certified.images.Proof`, which takes about half of the time of a solve."""
+        """Prepare a `Proof`, which takes about half of the time of a solve."""
         counts = [axis.count for axis in proof.axes]
         self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
@@ -651,25 +650,25 @@ class CellSets:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
     def unchanged(self, step: int, within: int) -> bool:
-        """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1)."""
+        """Whether the entry (step, within) is the same set as (step, within - 1)."""
         return not self._added(step, within)[0].size
 
     def repeat(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""
+        """Let the entry (step, within) be the set of (step, within - 1); note that sets have settled."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
-        """Keep the rows of `cells` that have `changed` (rows,) as what the entry (step, within) adds."""
+        """Keep the rows of `cells` that have `changed` as what the entry adds."""
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
     def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
-        """The rows (R,) in which an entry differs from the one with a step less, and these rows' words (R, W)."""
+        """The rows (R,) in which an entry differs from the one with a step less, and their words."""
         return self.added[0 if self.time_invariant else step, within]
 
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
-        """The table of all entries, with `details` and facts about its cells; called once, as entries are used up."""
+        """The table of all entries, with `details` and facts about its cells; called once."""
         proof, problem = self.proof, self.proof.problem
         facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
         if problem.steps is None:
@@ -696,7 +695,7 @@ class CellSets:
 
 
 def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
-    """The finding that a solve with steps=None ended while the last step still changed a share of the cells."""
+    """The finding that the last step of a solve with steps=None still changed a share of the cells."""
     holds = "the tube is safe for so many steps, not for ever"
     holds = holds if problem.has_no_target else "the tubes hold for so many steps"
     return Finding(

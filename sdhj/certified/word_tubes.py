@@ -1,9 +1,9 @@
 """Which cells' tubes may meet an unsafe set, 64 cells at a time, where all cells along its axes move alike.
 
 Counted boxes (`sdhj.certified.general_proof`) are asked cell by cell. But where no velocity depends on the axes of an
-unsafe set, as with a pursuer in the plane, a tube overlaps the same boxes from each cell on: it is met where one of
-them is, a union of shifted sets. So boxes are bits, united axis by axis, and what several inputs and parts have in
-common is united once. An axis along which only the adversary moves, alike under all inputs, is taken into the boxes.
+unsafe set, a tube overlaps the same boxes from each cell on: it is met where one of them is, a union of shifted sets.
+So boxes are bits, united axis by axis, and what several inputs and parts have in common is united once. An axis along
+which only the adversary moves, alike under all inputs, is taken into the boxes.
 """
 
 import math
@@ -44,7 +44,7 @@ class Lattice(NamedTuple):
 def in_words(
     problem: ReachAvoidProblem, depends: FloatArray, cells: Sequence[CellAxis], unsafe_set: UnsafeSet, parts: int
 ) -> bool:
-    """Whether cells along the axes of an unsafe set are looked at 64 at a time: if they may be, and boxes are many."""
+    """Whether cells along the axes of an unsafe set are looked at 64 at a time: if boxes are many."""
     axes = unsafe_set.axes
     spans = parts * problem.most_steps if unsafe_set.moving else 1
     # of half a cell, at all times
@@ -62,7 +62,7 @@ def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[i
 
 
 def size_in_words(axes: Sequence[CellAxis]) -> int:
-    """How many words a set of cells is kept in: of 64 cells along the last axis each, the last of a row part empty."""
+    """How many words a set of cells is kept in."""
     return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
 
 
@@ -129,7 +129,7 @@ def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
 
 
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The first and the last box along each axis that `tubes` (..., d, 2) of cell 0 overlap: two (..., d) int64.
+    """The first and the last box along each axis that `tubes` (..., d, 2) of cell 0 overlap: two (..., d).
 
     The tube of cell i overlaps those that lie `fine` i farther. On axes that are not `alike` a tube is made smaller by
     what boxes are wider than their pieces, and by `narrow` (d,), for which the `margin` of `boxes_in_words` makes up.
@@ -141,7 +141,7 @@ def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[Fl
 
 
 def far_beyond(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
-    """How many cells before and behind a row of the last axis the windows (T, d) reach into, at most."""
+    """How many cells beyond a row of the last axis the windows (T, d) reach, at most."""
     fine = lattice.fine[-1]
     return 0 if lattice.alike[-1] else max(-int(first[:, -1].min() // fine), int(last[:, -1].max() // fine), 0)
 

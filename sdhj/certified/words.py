@@ -98,7 +98,7 @@ def words_of(
 
 
 def inputs_in(words: FloatArray, count: int) -> FloatArray:
-    """The inputs that words (M, 2 + ceil(count / 32)) uint32 list, of `count` inputs: bool (M, count)."""
+    """The inputs that words list: (M, count)."""
     bits = np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)
     return np.unpackbits(bits, axis=1, count=count, bitorder="little").view(np.bool_)
 
@@ -106,7 +106,7 @@ def inputs_in(words: FloatArray, count: int) -> FloatArray:
 def chosen_of(
     table: Any, cells: FloatArray, step: int, steps_left: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
 ) -> FloatArray:
-    """The safe input that a rule prefers at the centre of each cell (M, ndim) at a step: (M,), -1 where none is."""
+    """The safe input that a rule prefers at the centre of each cell, or -1: (M,)."""
     count = safe.sum(axis=1)
     chosen = np.where(count > 0, safe.argmax(axis=1), NOT_ADMISSIBLE)
     some = np.flatnonzero(count > 1)
@@ -140,7 +140,7 @@ def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
 
 
 class Words:
-    """The words of a certified table that have been asked for, a `WordTable` for each step, within and rule."""
+    """The words of a certified table that have been asked for."""
 
     def __init__(self) -> None:
         self.layers: dict[Any, WordTable] = {}
@@ -171,14 +171,14 @@ class Words:
 
 
 class WordTable:
-    """The words for one step, within and rule, in a hash table by the number of their cell; several threads may ask."""
+    """The words for one step, within and rule, by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 
     def empty(self, slots: int, width: int) -> None:
-        """Forget all words and make a hash table of `slots` slots, a power of two, for words of `width` numbers."""
+        """Forget all words and make a hash table of `slots` slots for words of `width` numbers."""
         # callers hold the lock, or nobody else has the layer yet
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
@@ -202,7 +202,7 @@ class WordTable:
                 look_up(*asked, self.keys, self.words, within, most, *out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
-        """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room; the lock is held."""
+        """Keep the words `made` of the cells with flat numbers (n,); the lock is held."""
         # n is at most half of `MOST_SLOTS`, which is not checked
         slots = self.keys.size
         while 2 * (self.used + numbers.size) > slots:

@@ -1,1 +1,1 @@
-"""What every room asks: checks of what users pass, memory, and findings; it imports nothing of the rest."""
+"""What every room asks; it imports nothing of the rest."""

@@ -1,4 +1,4 @@
-"""Checks of the numbers and arrays that users pass; errors say what was expected."""
+"""Checks of what users pass; errors say what was expected."""
 
 import reprlib
 from collections.abc import Sequence

@@ -14,8 +14,6 @@ PACKAGE = str(Path(__file__).parents[1])
 class ResolutionWarning(UserWarning):
     """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost.
 
-    It says by how much, and what helps.
-
     Examples
     --------
     With the robot on a line of `help(sdhj)`, to make an error of what would be told:
@@ -30,7 +28,7 @@ class ResolutionWarning(UserWarning):
 class UnsettledWarning(UserWarning):
     """The sets of a problem without a number of steps were still changing when the solve ended.
 
-    What is promised then holds for as many steps as were solved, not for ever. More cells or a longer delta help.
+    What is promised then holds for as many steps as were solved. More cells or a longer delta help.
 
     Examples
     --------

@@ -2,8 +2,8 @@
 
 Both are called with points and parameters, and have `bounds`, `bounds_by_branch` and `least` over boxes and intervals
 of time, `operands_of_min`, `clipped` and `depends_on_time` (whether they depend on the time). Both have `reads`, the
-coordinates that they depend on: an array of a formula, what its author gave of a black box. Of a formula all of this
-follows from its graph; of a black box its author declares it.
+coordinates that they depend on: an array of a formula, what its author gave of a black box. Of a formula this follows
+from its graph; of a black box its author declares it.
 """
 
 import reprlib
@@ -207,7 +207,7 @@ class Formula(Remembering):
 
     @kept
     def reads(self) -> FloatArray:
-        """Whether each result (flattened) reads each coordinate: (results, coordinates) bool, read-only."""
+        """Whether each result (flattened) reads each coordinate: (results, coordinates), read-only."""
         out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
         for row, one in enumerate(self.outputs):
             out[row, list(leaves([one], "x"))] = True
@@ -276,7 +276,8 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
     last |= dict.fromkeys(outputs, len(order))
     slots: dict[Node, int] = {}
-    code, value, free, top = np.zeros((len(order), 5), np.int64), np.zeros(len(order)), list[int](), 0
+    code, value = np.zeros((len(order), 5), np.int64), np.zeros(len(order))
+    free, top = list[int](), 0  # slots
     lookups, tables, flat = list[tuple[Node, list[int]]](), dict[str, int](), list[FloatArray]()
     for i, one in enumerate(order):
         used = [slots[arg] for arg in one.args]
@@ -550,7 +551,7 @@ def intersection(*functions: Any) -> Any:
     Parameters
     ----------
     functions : callable (points (M, axes), t) -> (M,)
-        <= 0 in the sets, all of the same axes.
+        As for `union`.
 
     Examples
     --------

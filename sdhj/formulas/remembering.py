@@ -13,7 +13,7 @@ class ReadOnly:
     """Base class of objects whose arrays cannot be written, nor can those of their copies and pickles."""
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Take the attributes of the original; NumPy's copies of its arrays can be written, until they are here."""
+        """Take the attributes of the original, whose copied arrays can be written until they are here."""
         vars(self).update(read_only(state))
 
 

@@ -1,7 +1,6 @@
 """The closed set of operations that formulas are made of: one record each, from which all else is derived that is known
 of an operation.
 
-The kernels of a tape (`sdhj.kernels.tape`) compute the values; the checker has rules of its own under the same names.
 NaN means undefined and passes through every operation. The functions of a record make nodes by their argument `make`,
 which is `sdhj.formulas.graph.make`.
 """

@@ -140,7 +140,8 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)
     text: dict[Node, str] = {}
-    letters, numbers, lines, named = iter("abcdefghijklmnopqrs"), itertools.count(1), list[str](), set[str]()
+    letters, numbers = iter("abcdefghijklmnopqrs"), itertools.count(1)
+    lines, named = list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op

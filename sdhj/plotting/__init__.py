@@ -15,7 +15,7 @@ for the arm          `draw_workspace`, `draw_arm`; `draw_moment`, one instant of
 
 These functions only draw: they compute no table and keep no state, so a slider can call them again on cleared axes. The
 artist of a set or a run has an identifier (Matplotlib's gid) by which it is found in tests and in SVG files. Draw
-inside `with style():` to get the project's style. Nothing here uses `matplotlib.pyplot`.
+inside `with style():` to get the project's style.
 """
 
 import importlib.util

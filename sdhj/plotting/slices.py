@@ -71,7 +71,7 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
     axes : (int, int)
         The axes that are shown, ascending.
     resolution : int
-        Points along each side.
+        Points a side.
 
     Raises
     ------
@@ -189,11 +189,6 @@ def draw_constraints(
     parts : sequence of str, optional
         Names of the unsafe sets that are drawn.
 
-    Raises
-    ------
-    ValueError
-        If `through` or `axes` does not fit the grid.
-
     Examples
     --------
     With the paper's arm on a few nodes:
@@ -234,12 +229,7 @@ def draw_tubes(
     start, within : int
         The largest tube, as for `Table.contains`.
     unsafe : bool
-        Whether the true unsafe sets at step `start` are outlined.
-
-    Raises
-    ------
-    ValueError
-        If `through`, `start`, `within` or `axes` does not fit the table.
+        Whether the true unsafe sets are outlined.
 
     Examples
     --------

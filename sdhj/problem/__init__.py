@@ -1,1 +1,1 @@
-"""The robust motion planning problem of Sec. 2 and 3: grid, sets, dynamics, sensing."""
+"""The robust motion planning problem of Sec. 2 and 3."""

@@ -22,13 +22,12 @@ class Ball:
     What is played is the regular polygon around the ball, farther out by 1 / cos(pi / sides) - 1 at its corners: 8 %
     with 8 sides, 2 % with 16 (the square: 41 %). It is the sum of a segment along each of its K = sides / 2 directions,
     so v then has K components w of a box: the velocity is drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with
-    |w_k| <= radius tan(pi / (2 K)). Adversaries choose these, and `Dynamics.gain` and `bounds` are theirs. Projections
-    and certified tables play the box around the polygon; for a certified table bounds=[radius, radius] proves more:
-    cells are aligned with it.
+    |w_k| <= radius tan(pi / (2 K)). Projections and certified tables play the box around the polygon; for these
+    bounds=[radius, radius] proves more: cells are aligned with it.
 
-    Where v does not enter the velocity linearly, the ball itself is played: v is then a (cos b, sin b) with |a| <=
-    radius and |b| <= pi / 2, which are the two components of `problem.dynamics`, and cut into `Dynamics.pieces` each,
-    64 together: what is played is up to 18 % farther out with 8 pieces, 10 % with 16, to the first order.
+    Where v does not enter the velocity linearly, it is a (cos b, sin b) with |a| <= radius and |b| <= pi / 2, the two
+    components of `problem.dynamics`, cut into `Dynamics.pieces` each: up to 18 % farther out with 8 pieces, 10 % with
+    16.
 
     Parameters
     ----------

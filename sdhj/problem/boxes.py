@@ -127,7 +127,7 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima over boxes [x + low_j, x + high_j] at nodes x, low (L, ndim), some j at a time."""
+    """Yield the maxima over boxes [x + low_j, x + high_j] at nodes x, some j at a time."""
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         done = {axis_maxima.axis for axis_maxima in axes_maxima}
@@ -152,7 +152,7 @@ def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, maximum of `values` over [x + low_j, x + high_j] at each node x); low, high (L, ndim)."""
+    """Yield (j, maximum of `values` over [x + low_j, x + high_j] at each node x)."""
     return one_by_one(maxima(grid, values, low, high, interpolation))
 
 

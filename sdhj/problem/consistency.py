@@ -83,7 +83,7 @@ def check_inputs(problem: Any) -> None:
 
 
 def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
-    """Which points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,) bool."""
+    """Which points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,)."""
     t, jitter, points = problem.time(step), problem.sensing.jitter, problem.grid.wrapped(points)
     inside = np.ones(len(points), np.bool_)
     for part in problem.all_sets:

@@ -31,7 +31,7 @@ Times = tuple[float, float]
 
 @dataclass(frozen=True)
 class Dynamics:
-    """The velocity of the state under each input and disturbance (Eq. 1).
+    """The velocity of the state (Eq. 1).
 
     Either dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v with |v_d| <= bounds_d, or any dq/dt = velocity(q, u_j, v, t).
 
@@ -49,8 +49,8 @@ class Dynamics:
         In place of drift and gain. Where v does not enter linearly, each component may be anything between its extremes
         over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many the range of each component of v that does not enter linearly and moves several axes is cut; the
-        error falls with their number, cost and memory grow with it. Certified tables take the whole range.
+        Into how many the range of each component of v that does not enter linearly and moves several axes is cut: the
+        more, the smaller the error, the larger cost and memory. Certified tables take the whole range.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""The ends of bounded axes: what becomes of a state that would pass them."""
+"""What becomes of a state that would pass the end of a bounded axis."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -133,7 +133,7 @@ class Grid(Remembering):
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     def nodes(self, axis: int) -> FloatArray:
-        """Coordinates of the nodes on one axis, numbered from 0: (shape[axis],).
+        """Coordinates of the nodes on one axis: (shape[axis],).
 
         Examples
         --------
@@ -242,7 +242,7 @@ class Grid(Remembering):
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim), also traced, with periodic coordinates wrapped into [lower, upper): a new array."""
+        """Points (M, ndim), also traced, with periodic coordinates wrapped into [lower, upper): new."""
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):

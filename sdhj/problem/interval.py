@@ -254,10 +254,10 @@ class Interval(ReadOnly):
     def displacement_sets(self, states: FloatArray) -> FloatArray:
         """Where each input leads at the interval's end, relative to states (M, ndim): (4 + K, L, ndim, M), M perhaps 1.
 
-        [0], [1] : corners of a box, `widening` included; exact where velocities do not depend on the state (larger
-        where v is cut), else estimates. [2], [3] : a and b of the path without an adversary, x + s a + s^2 b, 0 <= s <=
-        1; exact for a constant drift, else to second order. [4:] : half of the segment of each component in
-        `VectorField.oblique`; or, in C order, the greatest n . x at the end for each of the `normals` n, and zeros.
+        [0], [1] : corners of a box; exact where velocities do not depend on the state (larger where v is cut), else
+        estimates. [2], [3] : a and b of the path without an adversary, x + s a + s^2 b, 0 <= s <= 1; exact for a
+        constant drift, else to second order. [4:] : half of the segment of each component in `VectorField.oblique`; or,
+        in C order, the greatest n . x at the end for each of the `normals` n, and zeros.
         """
         # `sdhj.kernels.tubes` reads all of it by these places
         if self.dynamics.stateless:
@@ -449,7 +449,7 @@ class Interval(ReadOnly):
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Least and greatest velocities under input j over v: two lists of arrays that broadcast to the grid."""
+        """Least and greatest velocities under input j over v: lists of arrays that broadcast."""
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
             found = [

@@ -17,7 +17,7 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values of a level-set function at all nodes, (*shape), each of them checked."""
+    """Values of a level-set function at all nodes, each checked."""
     values = [checked_values(function(points), points, name) for points in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 

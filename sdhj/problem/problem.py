@@ -61,7 +61,7 @@ class ReachAvoidProblem(Remembering):
         anything depends on time there are N (N + 1) / 2 tubes instead of N.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
-        times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.
+        times (safe), as 20 samples, as in the paper (not safe), or as it is at each time.
     name : str
         One line of text, for messages and files.
     recipe : mapping, optional
@@ -205,7 +205,7 @@ class ReachAvoidProblem(Remembering):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything that a table depends on, and of all names; black boxes are called."""
+        """SHA-256 of everything that a table depends on; black boxes are called."""
         return digest_of(described(self), arrays_of(self))
 
     # ---- numbers, steps and times
@@ -338,7 +338,7 @@ class ReachAvoidProblem(Remembering):
         return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
-        """Level-set function of G along paths of states (M, T, ndim), at ascending times, under inputs (M,): (M, T)."""
+        """Level-set function of G along paths of states (M, T, ndim), under inputs (M,): (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -366,7 +366,7 @@ class ReachAvoidProblem(Remembering):
         return rows[(self.value_of(self.target, there, t) <= 0.0) & (self.unsafe_value(there, t) > 0.0)]
 
     def surely_in_no_tube(self, points: FloatArray, step: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are in no tube (step, within), by the sets alone: (M,)."""
+        """Whether states are in no tube (step, within), by the sets alone: (M,)."""
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
         return lost if within or self.has_no_target else lost | (self.target_value(points, t) > 0.0)

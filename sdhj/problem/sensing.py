@@ -36,10 +36,9 @@ On an axis along which all of [L, H] is held at a wall the state is known: the n
 width there. So who brakes until nothing it can have come to moves stands, whatever it measures; a first measurement
 that happens to be 0 says nothing of the kind. Certified tables count on that (`sdhj.certified.cells`).
 
-Chapter 16 of the course proves by induction that the robot reaches the target from W_k^n within n steps and can tell,
-says how much is lost (each prediction is judged by itself), and gives the sets in closed form for dq = u + v. Grids
-shrink a set by the maximum of its level-set function over the box; cells are certified where the image of y + E,
-widened by E, is covered. What happens before s_0 is not covered.
+Chapter 16 of the course has the proof, what is lost, and the sets in closed form for dq = u + v. Grids shrink a set by
+the maximum of its level-set function over the box; cells are certified where the image of y + E, widened by E, is
+covered. What happens before s_0 is not covered.
 """
 
 from collections.abc import Sequence
@@ -66,9 +65,8 @@ class Sensing:
     rest : int
         The input that is held before the first chosen one starts, by index.
     memory : bool
-        Whether the controller remembers what the state can be (*Memory* in `sdhj.problem.sensing`): larger sets, for
-        loops that ask `Controller.step`, or `sdhj_step` in C. A loop that asks `select`, `batch` or `filter` with each
-        new measurement needs memory=False.
+        Whether the controller remembers what the state can be: larger sets, for loops of `Controller.step`, or
+        `sdhj_step` in C. A loop of `select`, `batch` or `filter` needs memory=False.
 
     Examples
     --------

@@ -48,9 +48,9 @@ class UnsafeSet:
     name : str
         For messages and pictures.
     inputs : sequence of int, optional
-        The inputs under which the set is unsafe, by index; by default all. A state in the set is then not lost by
-        itself: the robot must only not apply one of these for an interval in which the state may be in the set, such as
-        thrust near a station. For a map or a polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
+        The inputs under which the set is unsafe, by index; by default all. A state in the set is then not lost: only
+        none of these inputs, as thrust near a station, may be applied where the state may be in it. For a map or a
+        polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
     sampling : {"nodes", "steep", "cell"}
         What a node gets. "nodes": the function's value; right where the set is some cells thick everywhere, else
         `solve` warns. "steep": that times 10 inside the set, so that one a node or two thick is not worn away; it grows
@@ -123,8 +123,7 @@ class UnsafeSet:
         resolution : float
             Side of a pixel, m, for an array.
         origin : (x, y) or (x, y, yaw)
-            Position of the lower left corner of the lower left pixel, m, and the rotation of an array's map about it,
-            rad.
+            The lower left corner of an array's map, m, and its rotation about it, rad.
         radius : float
             Of the robot, m.
         footprint : array (K, 2), Body, or a sequence of Body
@@ -406,8 +405,8 @@ class TargetSet:
         The tube of a grid table is interpolated (`sdhj.gridded`); that its states reach the first target is not proved.
 
         For a certified table the target is exactly its certified cells, a black box with an enclosure, and a certified
-        table of the second problem proves the whole way. Rounding at the handover moves a state by no more than three
-        steps do (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
+        table of the second problem proves the whole way: rounding at the handover is within the slack of every
+        certified set.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ def must_lead_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray
 
 
 def largest_in_error_box(problem: ReachAvoidProblem, values: FloatArray, points: FloatArray) -> FloatArray:
-    """The largest interpolated value over x +- E, clipped at walls, for points (M, ndim): (M,)."""
+    """The largest interpolated value over x +- E, clipped at walls: (M,)."""
     grid, columns = problem.grid, []
     if not problem.half_widths[0].any():
         return grid.interpolate(values, points)

@@ -1,1 +1,1 @@
-"""Controllers played against adversaries, with the true dynamics and geometry; nothing that solves imports it."""
+"""Controllers played against adversaries, with the true dynamics and geometry."""

@@ -1,7 +1,7 @@
 """Adversaries for closed-loop simulation: they choose the disturbance v within its box, anew at every substep.
 
-An adversary is a function of one `Moment` that returns v for every run, shape (M, D). The built-in adversaries know
-the robot's state, its table, and the input it has chosen for the interval.
+An adversary is a function of one `Moment` that returns v for every run, shape (M, D). The built-in ones know the
+robot's state, its table, and the input it has chosen.
 """
 
 from collections.abc import Callable, Iterable

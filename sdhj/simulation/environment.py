@@ -26,12 +26,12 @@ DRAWN = 256  # start states drawn; the first one outside the target is used
 
 
 class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
-    """A Gymnasium environment whose episode is one run of the robot, with one action for each sampling interval.
+    """A Gymnasium environment: an episode is a run, an action is an input for a sampling interval.
 
     The observation is the state (periodic coordinates wrapped into the grid), with `Sensing` the `point` of
-    `Controller.step`, followed by the step. An action is an index into problem.inputs. An episode terminates when the
-    run reaches the target at a sampling time (reward 1), collides or leaves the grid (reward -1), as in
-    `sdhj.simulate`, and is truncated after the last step (reward 0).
+    `Controller.step`, followed by the step. An action is an index into problem.inputs. An episode ends when the run
+    reaches the target (reward 1), collides or leaves the grid (reward -1), as in `sdhj.simulate`, and is truncated
+    after the last step (reward 0).
 
     `info` has "outcome": "reached", "collided", "off the grid" or "late", or "" while the run goes on; "action_mask",
     (L,) int8: 1 for what the filter passes on, else for the fallback alone, for all when the run is over; "promised":
@@ -110,7 +110,8 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             raise ValueError("the run is over; call reset()")
         if not self.action_space.contains(action):
             raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
-        runs, now, end, last = self.runs, self.now, self.now + 1, self.now + 1 == self.table.steps
+        runs, now, end = self.runs, self.now, self.now + 1
+        last = end == self.table.steps
         known, rows = runs.predictions, np.array([0])
         applied = int(action)
         if self.shield:  # the runs themselves carry the points on

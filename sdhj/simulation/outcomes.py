@@ -1,8 +1,7 @@
 """The outcomes of a run, and the simulation of one interval, which checks for an outcome after every substep.
 
-Between two substeps something fast may pass (`_fast_sets`). Where bounds on the function of such a set over the way of
-a state from one to the next, a straight line, leave open whether it is met, the middle is looked at, and both halves in
-the same way.
+Between two substeps something fast may pass (`_fast_sets`). Where bounds over the straight way of a state leave open
+whether it is met, the middle is looked at, and both halves in the same way.
 """
 
 from collections.abc import Callable
@@ -104,7 +103,7 @@ def _fast_sets(first: Moment) -> list[UnsafeSet]:
 def _near(
     first: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
-    """Which of M runs, of those `asked`, an unsafe set may come to in so many substeps, by bounds: (M,) bool."""
+    """Which of M runs, of those `asked`, an unsafe set may come to in so many substeps, by bounds: (M,)."""
     # by default of the runs under whose inputs the set is unsafe
     found = unsafe_set.counts(first.inputs) if asked is None else asked.copy()
     far, some = first.duration * substeps * first.interval.speeds, np.flatnonzero(found)
@@ -117,7 +116,7 @@ def _near(
 def _may_meet(
     problem: ReachAvoidProblem, unsafe_set: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Whether bounds leave open that a set is met in the boxes from points to points + moved: (M,) bool."""
+    """Whether bounds leave open that a set is met in the boxes from points to points + moved: (M,)."""
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
     low, high = start + np.minimum(by, 0.0), start + np.maximum(by, 0.0)

@@ -11,7 +11,7 @@ shows the mean. An error of at most e in both states changes a component of v_i 
     s_i = |B^+| (e + w(dt)) / dt,    w(0) = e,    dw/dt = A w,
 
 where A holds the Lipschitz constants of the velocity (`sdhj.problem.steepness`). One log cannot tell the two apart:
-white noise of size e looks like a push of 2 e / dt. So e has to come from somewhere else.
+white noise of size e looks like a push of 2 e / dt.
 
 Two statements with a confidence 1 - alpha, of n records that were drawn alike and independently of one another:
 
@@ -26,7 +26,7 @@ Two statements with a confidence 1 - alpha, of n records that were drawn alike a
   exact for a uniform density, else as n grows (Robson & Whitlock 1964 for k = 2). Noise adds to the push, so what is
   above the bound of both is above that of the push.
 
-Both are evidence about records like these. Nothing that was recorded bounds what comes next under other inputs.
+Nothing that was recorded bounds what comes next under other inputs.
 """
 
 import os
@@ -111,7 +111,7 @@ def bounds_from_records(
     better: Sequence[Any] | None = None,
     confidence: float = 0.95,
 ) -> RecordedBounds:
-    """Bounds of the disturbance, and the measurement error, from records of a robot: see `sdhj.simulation.records`.
+    """Bounds of disturbance and measurement error from records of a robot: see `sdhj.simulation.records`.
 
     Parameters
     ----------

@@ -12,8 +12,7 @@ run is one of
 * late: none of these by the last sampling time;
 * off the grid: the state left the grid past an unsafe end.
 
-The target is checked by its true level-set function. Where the interpolated table counts a state as in the target that
-is just outside, the run goes on with inputs that bring the state back into the target.
+The target is checked by its true level-set function.
 """
 
 import reprlib
@@ -198,10 +197,9 @@ def simulate(
     q0 : (ndim,) array
         The true state at step 0.
     adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        Who chooses the disturbance, at each of 20 substeps of an interval. "worst" takes the corner of its box that
-        leads farthest out of the tube by the interval's end, "greedy" the one that comes nearest to what is unsafe
-        until then, "aggressive" the one that brings an unsafe set nearer fastest; "random" draws one for each interval.
-        For your own see `Moment`.
+        Who chooses the disturbance, at each of 20 substeps of an interval: the corner of its box that leads farthest
+        out of the tube by the interval's end, comes nearest to what is unsafe until then, or brings it nearer fastest;
+        a random one for each interval; or none. For your own see `Moment`.
     seed : int
         The same seed gives the same run.
     steps : int, optional
@@ -261,7 +259,7 @@ def monte_carlo(
     sensing: Sensing | None = None,
     progress: bool | None = None,
 ) -> Report:
-    """Simulate many runs of the closed loop from states drawn uniformly from the tube of step 0; count how they end.
+    """Simulate many runs of the closed loop from states drawn uniformly from the tube of step 0.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ run counts as reached only when the prediction has no steps to go and the state 
 
 An adversary that is a plain function of a `Moment` chooses the disturbance only. An adversary may also have the methods
 `mislead(sight)`, which returns the errors (M, ndim), and `shift(moment)`, which returns for each run (M,) -1, 0 or 1:
-the next input starts early, on time or late, by the full jitter. Functions without these methods use those of "worst".
+the next input starts early, on time or late, by the full jitter.
 """
 
 from dataclasses import replace
@@ -64,7 +64,8 @@ class Runs:
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
         self.shift = getattr(play, "shift", ADVERSARIES["worst"].shift)
-        self.controller, self.play, self.rng, count = controller, play, rng, len(starts)
+        self.controller, self.play, self.rng = controller, play, rng
+        count = len(starts)
         same = sensing == controller.problem.sensing
         self.remembers = controller.problem.sensing.remembers
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)

@@ -1,1 +1,1 @@
-"""Schemes, games, recursion and methods: Sec. 4, App. A.3 to A.5, Algorithm 1."""
+"""Schemes, games, recursion and methods (Sec. 4, App. A.3 to A.5)."""

@@ -1,8 +1,8 @@
 """The avoid tubes of the unsafe sets and of the unsafe ends of the grid (games 1 and 2 of App. A.3).
 
-The region beyond the unsafe ends of an axis is an unsafe set like any other, whose level-set function is the distance
-to the nearer end. On the grid itself no state could cross an end, so this avoid game is played on a *wide* grid that
-extends past the ends, as far as one interval can lead; there the dynamics are those at the end.
+What is beyond the unsafe ends of an axis is an unsafe set like any other, by the distance to the nearer end. On the
+grid itself no state could cross an end, so this avoid game is played on a *wide* grid that extends past the ends, as
+far as one interval can lead; there the dynamics are those at the end.
 """
 
 from typing import Any, NamedTuple

@@ -202,7 +202,7 @@ class Folder:
                 (self.path / SHARES / share.name).unlink(missing_ok=True)
 
     def _avoid(self, part: Part) -> dict[str, Any]:
-        """Write the avoid tubes of a step; what its mark tells: the sets that are met, and the games' notes."""
+        """Write the avoid tubes of a step; returns what its mark tells: the sets that are met, the games' notes."""
         shape = self.parts.shape(part.kind)[part.kind == "avoid_moving" :]
         met = self.parts.write_avoid(part.kind, part.step, out := self.scratch(shape, self.parts.dtype))
         self.write(part.kind, part.step, out)

@@ -6,8 +6,6 @@
 * *Empty*: a tube holds next to nothing, and why.
 * *Gaps*: tubes may be separate pieces that the grid does not keep apart.
 * *Lost by projection*: what is dropped leaves nothing of the target, or no state free of an unsafe set.
-
-Each is a `Finding`: a sentence, a number that says how much of it, and what helps.
 """
 
 import math
@@ -107,7 +105,7 @@ def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
 
 
 def _hidden(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED) -> Finding | None:
-    """What `_hidden_finding` returns, kept with a formula for the next solve, of which the search is a twentieth."""
+    """`_hidden_finding`, kept with a formula for the next solve, of which the search is a twentieth."""
     level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
     if isinstance(level_set, Formula):
         known = level_set.remembered("hidden", dict)
@@ -502,7 +500,8 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     Looked for at random states in the middle of the target, between neighbouring displacements of the inputs
     (`_neighbouring_pairs`): of each axis the least push and a small width, the quantile `RARE`.
     """
-    grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
+    grid, count = problem.grid, len(problem.inputs)
+    axes, t = list(problem.target.axes), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
     middle = _deepest_nodes(problem, some, t)
     if not len(middle):

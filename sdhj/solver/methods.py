@@ -30,7 +30,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class HJI(Options):
-    """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
+    """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations, on the whole grid.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class HJI(Options):
         return HJIGames(samples, self.scheme, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled in by `recursion`."""
+        """The tubes as level-set functions on the grid, filled in by `recursion`."""
         return GridSets(problem, self)
 
 

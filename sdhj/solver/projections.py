@@ -11,11 +11,10 @@ on their axes at any time, so a result in the subspace holds in the whole space 
 
 On the grid w runs over the nodes of its axes, which gives the extremes of the linear interpolant.
 
-A solution on the subspace, constant along the dropped axes, is its back-projection. Each subspace gives a reach set
-and an avoid tube inside the true ones, so their union over the subspaces, the minimum of the level-set functions, is
-inside as well, and larger than any of them. The last display of App. A.5 prints an intersection of complements: that
-is inside too, but smaller than each. (The complement of the union is the intersection of the over-approximations of
-what is unsafe.)
+A solution on the subspace, constant along the dropped axes, is its back-projection. Each subspace gives a reach set and
+an avoid tube inside the true ones, so their union over the subspaces, the minimum of the level-set functions, is inside
+as well, and larger than any of them. The last display of App. A.5 prints an intersection of complements: that is inside
+too, but smaller than each.
 
 The tubes S_k^i live on the whole grid; the recursion projects them anew at each step. An unsafe set that depends only
 on axes that one subspace keeps needs no projection and is solved on its own axes, exactly as in the full method.
@@ -128,7 +127,8 @@ class ProjectedGames:
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
         """Yield the reach sets of all inputs at once, as pieces on the subspaces, from the inner projections."""
-        grid, count, pieces, end = self.samples.grid, len(self.samples.problem.inputs), list[FloatArray](), 0
+        grid, count = self.samples.grid, len(self.samples.problem.inputs)
+        pieces, end = list[FloatArray](), 0
         whole = tuple(n - low - high for n, (low, high) in zip(grid.shape, grid.padding, strict=True))
         shapes = [(count, *(whole[axis] for axis in axes)) for axes in self.subspaces]
         flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
@@ -255,9 +255,9 @@ class Projected(Options):
 
     The tubes lie inside those of the full method, and cost less: little less on four axes, where `HJI` is the one to
     take; from five axes on a twelfth to a half of the time in the problems of `notebooks/site/numbers.md`. A target
-    that depends on a dropped coordinate, as in `evader_case_study`, has a projection of what is in it for *every* value
-    of that: where it is empty, a `ProjectionWarning` says so. A component of the disturbance that moves several axes
-    gains nothing where they are dropped one by one: the shadow of a disk is that of the square around it.
+    that depends on a dropped coordinate, as in `evader_case_study`, keeps what is in it for *every* value of that; a
+    `ProjectionWarning` says where it is empty. The shadow of a disk is that of the square around it: a disturbance that
+    moves several axes gains nothing.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ class Projected(Options):
         object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`."""
+        """The tubes on the whole grid, by games on subspaces, filled in by `recursion`."""
         if isinstance(self.inner, HopfLax):
             refuse_jitter(problem)
         subspaces = checked_subspaces(problem, self.subspaces)

@@ -235,11 +235,12 @@ class GridParts:
         return np.dtype("uint8" if name == "marks" else self.dtype)
 
     def write_avoid(self, name: str, step: int, out: FloatArray) -> set[int]:
-        """Write the avoid tubes of a step to `out`, of `shape(name)` without steps; the unsafe sets that are met.
+        """Write the avoid tubes of a step to `out`, of `shape(name)` without steps; returns which unsafe sets are met.
 
         The tubes are the maximum over all dangers of this name, with a `Sensing` eroded by the box E.
         """
-        problem, samples, axes, met = self.problem, self.samples.padded, self.axes[name], set[int]()
+        problem, samples, axes = self.problem, self.samples.padded, self.axes[name]
+        met = set[int]()
         wide = len(out), *samples.grid.subgrid(axes).shape
         total = out if out.shape == wide else self.empty(wide, self.dtype)
         # one on all axes first, which is written where it stays

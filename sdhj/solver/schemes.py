@@ -79,10 +79,8 @@ class Scheme(Options):
     Notes
     -----
     Orders 2 and 3 choose, at each node, the difference that is smaller (Osher and Shu). Ties are broken alike in mirror
-    images: a problem turned by half a turn has the same tubes to the last bit in the fixed frame, if its nodes and
-    functions are the same to the last bit. Else differences of opposite sign that are equal but for a rounding make the
-    choice, and so the value, jump: by some 1e-5 in float32, more where many choices follow one another, and 1e-12 in
-    float64.
+    images. Differences of opposite sign that are equal but for a rounding make the choice, and so the value, jump: by
+    some 1e-5 in float32, more where many choices follow one another, and 1e-12 in float64.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Look-up tables, the controller that reads them (Algorithm 2), and their files."""
+"""Look-up tables, the controller that reads them, and their files."""

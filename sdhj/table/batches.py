@@ -48,7 +48,7 @@ class Batch(NamedTuple):
         Which inputs are safe according to the table; none in states not admissible and at the last step. Of these only
         `best` is checked with the true sets, too; `Controller.safe_inputs` checks all.
     margins : (M, L) array
-        The largest value of the next tube over all states to which the input can lead; +inf where none is asked.
+        The largest value of the next tube to which the input can lead, or +inf.
     best : (M,) int array
         The safe input of least margin; if there is none, the best one, without a promise, or -1.
     """
@@ -63,7 +63,7 @@ class Batch(NamedTuple):
 
     @property
     def steps_after(self) -> FloatArray:
-        """Steps to go after this interval, by which the inputs of admissible states were judged: (M,) int."""
+        """Steps to go after this interval, by which the inputs of admissible states were judged: (M,)."""
         return np.maximum(self.steps_to_go, self.within) - 1
 
     def sealed(self) -> "Batch":
@@ -72,7 +72,7 @@ class Batch(NamedTuple):
 
     @property
     def promised(self) -> FloatArray:
-        """Whether some input is safe, so that the promise can be kept, up to interpolation: (M,) bool."""
+        """Whether some input is safe, so that the promise can be kept, up to interpolation: (M,)."""
         return np.logical_or.reduce(self.safe, axis=1)
 
 
@@ -82,7 +82,7 @@ def entry(steps: int, start: int, within: int) -> int:
 
 
 class Table(ReadOnly):
-    """A solved problem, whatever its method: `sdhj.solve` and `sdhj.load` return one, and `sdhj.Controller` uses it.
+    """A solved problem, whatever its method, of `sdhj.solve` or `sdhj.load`.
 
     Arguments `start` and `within` select a tube, as `LookupTable` explains; ValueError where an argument does not fit.
 
@@ -186,10 +186,9 @@ class Table(ReadOnly):
         Returns
         -------
         Explanation
-            For each input: the unsafe set, or the end of an axis, that the state may meet, and when; or by how much it
-            may end outside the next tube. Of a certified table: how deep the cell's tube may be in it, or how many
-            cells that it may lead to are not certified; whether more cells may do is told by method "hji" on few nodes,
-            solved when a table is asked first.
+            For each input what the state may meet, and when, or by how much it may end outside the next tube; of a
+            certified table how many cells that it may lead to are not certified. Whether more cells may do is told by
+            method "hji" on few nodes, solved when first asked.
 
         Examples
         --------
@@ -287,7 +286,7 @@ class Table(ReadOnly):
         return float(np.linalg.norm(slopes))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """To be implemented: whether points (M, ndim), no NaN, are in the tube as computed: (M,) bool."""
+        """To be implemented: whether points (M, ndim), no NaN, are in the tube as computed: (M,)."""
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
@@ -297,7 +296,7 @@ class Table(ReadOnly):
     # ---- states
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """Steps to go, safe inputs and margins of many states at one step, computed on all cores.
+        """Steps to go, safe inputs and margins of many states at one step.
 
         An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default those that
         make progress, with within = N - step all after which the target can still be reached.
@@ -414,7 +413,7 @@ class Table(ReadOnly):
     def next_points(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: (M,) bool.
+        """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: (M,).
 
         The predictions `seen`, on any lap, clipped to the box (*Memory* in `sdhj.problem.sensing`).
         """
@@ -428,7 +427,7 @@ class Table(ReadOnly):
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether an input for each state passes the true sets: (M,) bool."""
+        """Whether an input for each state passes the true sets: (M,)."""
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
         self._fill_in_and_check(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))

@@ -78,13 +78,13 @@ class Filtered:
     commands : (M, m)
         The values of these inputs.
     changed : (M,) bool
-        Whether they differ from the wanted ones, as all do from a command between the inputs.
+        Whether they differ from the wanted ones.
     overruled : (M,) bool
         Whether an input nearer to the wanted one was refused as not safe.
     promised : (M,) bool
         Whether the target is promised by the last step.
     fallback : (M,) bool
-        Whether no input is safe, so that `Batch.best` is applied or, in states not admissible, `Controller.fallback`.
+        Whether no input is safe: `Batch.best` is applied or `Controller.fallback`.
     """
 
     inputs: Any

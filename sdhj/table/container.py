@@ -5,8 +5,8 @@ begin at multiples of 64 bytes, so that they are mapped and not read. problem.js
 has the format and the SHA-256 of all that follows; then comes each array's dtype, shape and SHA-256 of its .npy file,
 and of a packed one also the size and the SHA-256 of what is packed.
 
-Every byte of a file is known from its head but the arrays themselves and their CRC-32: names, headers, padding, the
-directory at the end. So all of them are compared with what would be written, and nothing that lies is followed.
+Every byte of a file is known from its head but the arrays themselves and their CRC-32: so all are compared with what
+would be written, and nothing that lies is followed.
 """
 
 import hashlib
@@ -48,7 +48,7 @@ class Damaged(ValueError):
 
 
 class Stated(NamedTuple):
-    """An array as the head states it: of its .npy file the SHA-256, of what is packed size and SHA-256."""
+    """An array as the head states it: dtype, shape, SHA-256 of its .npy file, and of what is packed."""
 
     kind: str
     shape: tuple[int, ...]

@@ -92,7 +92,7 @@ class Controller:
     """Set-valued feedback from a table, for any state, at or between the nodes or off the grid (Algorithm 2).
 
     Queries take a state q (ndim,), in the units of the grid's axes, and the step k, from 0 to N, which may be omitted
-    if nothing depends on time. Single states may be asked about from several threads at once.
+    if nothing depends on time. Several threads may ask at once.
 
     With `Sensing`, states are predictions, made by `predict`; `step` does all that a control loop needs and, unless
     memory=False, carries a point on. Other queries then take only this point or, with `first=True`, what is predicted
@@ -107,8 +107,8 @@ class Controller:
     rule : {"deepest", "effort", "target", "clearance"}, CostToGo or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
         scores are the margin; the norm of the input; the target's level-set value at the successor; the negative one of
-        the unsafe sets there. A rule whose attribute `all_left` is true, as `sdhj.CostToGo`, is asked of all inputs
-        after which the target can still be reached by the last step, and the step has to be given always.
+        the unsafe sets there. A rule whose `all_left` is true, as `sdhj.CostToGo`, is asked of all inputs after which
+        the target can still be reached by the last step; it needs the step always.
 
     Attributes
     ----------
@@ -174,17 +174,9 @@ class Controller:
     # ---- one state
 
     def steps_to_go(self, q: FloatArray, step: int | None = None, *, first: bool = False) -> int | None:
-        """Fewest steps in which the target can be reached safely from a state, or None if no tube contains it.
+        """Fewest steps in which the target can be reached safely, or None if no tube contains the state.
 
-        Parameters
-        ----------
-        q, step, first
-            As `Controller` explains.
-
-        Returns
-        -------
-        int, or None
-            0 in the target. Without a target: the number of steps left.
+        0 in the target; without a target the number of steps left.
 
         Examples
         --------
@@ -201,11 +193,6 @@ class Controller:
         """The inputs that are safe from a state, whatever the adversary does.
 
         Each leads into the tube of one step less, or from the target back into it.
-
-        Parameters
-        ----------
-        q, step, first
-            As `Controller` explains.
 
         Returns
         -------
@@ -274,7 +261,7 @@ class Controller:
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
-        """The input that stays clear of the unsafe sets best in the next interval, for any state, also off the grid.
+        """The input that stays clear best in the next interval, for any state, also off the grid.
 
         Parameters
         ----------
@@ -378,7 +365,7 @@ class Controller:
     # ---- in a control loop: predictions from measurements, and an answer at every sampling time, late ones included
 
     def predict(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> FloatArray:
-        """Where a state measured at step k will be when the input of step k takes effect, one delay later.
+        """Where a state measured at step k will be one delay later, when the input of step k takes effect.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
         of step k, while the input j of step k - 1 still acts. `step` does this; a loop of `select` is as good only with
@@ -439,7 +426,7 @@ class Controller:
         return found if np.ndim(measurement) > 1 else bool(found[0])
 
     def step(self, measurement: FloatArray, time: float, *, fallback: bool = True) -> "Action":
-        """Answer a measurement (ndim,) taken `time` seconds after a control loop began: see `Action`.
+        """Answer a measurement taken `time` seconds after a control loop began: see `Action`.
 
         The measurement belongs to the nearest sampling time; a time near 0 begins a new loop. If nothing depends on
         time, a loop may run without end; without a target it then stays clear for all of the table's steps from each
@@ -518,7 +505,7 @@ class Controller:
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None, *, first: bool = False) -> Batch:
-        """Steps to go, safe inputs and margins of many states at once, computed on all cores.
+        """Steps to go, safe inputs and margins of many states at once.
 
         Parameters
         ----------
@@ -664,7 +651,7 @@ class Controller:
         return self.table.preferred(batch, scores)
 
     def allowed(self, batch: Batch) -> FloatArray:
-        """Which safe inputs the filter, and a rule with `all_left`, may choose: bool (M, L)."""
+        """Which safe inputs the filter, and a rule with `all_left`, may choose: (M, L)."""
         if self.table.proved:
             return batch.safe
         margins = np.where(batch.safe, batch.margins, np.inf)

@@ -7,9 +7,8 @@ the safe sets. At the last step, and in the target, where a run is over, the cos
 
 where q' is the state to which u leads in one interval with v = 0, and the minimum is over the inputs that a controller
 may apply: after them the target can still be reached within all the steps that are left, whatever the adversary does.
-So v = 0 is what the plan hopes for, not what it rests on: at every step the run goes on from where it is, with a safe
-input. J is computed at the nodes of the problem's grid, for tables of cells too, and is multilinear between those of
-them that are in the tube.
+So v = 0 is what the plan hopes for, not what it rests on. J is computed at the nodes of the problem's grid, for tables
+of cells too, and is multilinear between those of them that are in the tube.
 """
 
 import math
@@ -91,25 +90,23 @@ class CostToGo(ReadOnly):
     table : Table
         That of the controller.
     cost : {"effort", "distance", "clearance"} or callable (Candidates) -> (P,)
-        What is made least: the sum of |u|^2 delta; the sum of the target's level-set value times delta, as far as it is
+        What is made least: the sum of |u|^2 delta; that of the target's level-set value times delta, as far as it is
         positive, at the ends of the intervals; or the largest of the negative level-set values of the unsafe sets
-        there, of those that are unsafe under every input. A function of your own is the cost of an interval, and is
-        added up, inf for what should not be done; the input held before is not known to it.
+        there. A function of your own is the cost of an interval, and is added up, inf for what should not be done.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal.
+        By default where standard error is a terminal.
 
     Attributes
     ----------
     problem, name : ReachAvoidProblem, str
-        That of the table, and that of the cost, as in errors.
     all_left : bool
         True, as `Controller` explains.
 
     Raises
     ------
     ValueError
-        If `table` is none or holds for ever without a target, where no sum ends; if the cost is unknown, asks for a
-        target or an unsafe set that there is not, or does not return a number for each candidate.
+        If `table` holds for ever without a target, where no sum ends, or the cost asks for a target or an unsafe set
+        that there is not.
     MemoryError
         If J would not fit into memory.
 

@@ -25,8 +25,8 @@ class Failure:
         The unsafe set, or the end of an axis, that the state may meet; "image" if it may lead out of the next tube,
         "rounding" if only its whole cell may; "marks" if only the nodes around or the true sets refuse it.
     short : float
-        By how much, below 0: on a grid the level-set value, turned; for a certified table the least that the set's
-        function may be, the way past the end, or the share of cells not certified.
+        By how much, below 0: a level-set value, the way past the end, or of a certified table the share of cells not
+        certified.
     says : str
         The same in words.
     """

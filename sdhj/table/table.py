@@ -2,10 +2,10 @@
 
 A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/code.md` says
 which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
-alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
-adversary couples axes, a margin is over the sum of a box and segments or, where v enters nonlinearly, over the hull of
-what its pieces lead to; where gain or bounds depend on time, and at walls, it is over the box around, which is larger
-than the reachable set, and promises are given more rarely.
+alone; marks exclude inputs that only just avoid an obstacle. If the adversary couples axes, a margin is over the sum of
+a box and segments or, where v enters nonlinearly, over the hull of what its pieces lead to; where gain or bounds depend
+on time, and at walls, it is over the box around, which is larger than the reachable set, and promises are given more
+rarely.
 """
 
 import os
@@ -238,7 +238,7 @@ class LookupTable(Table):
     # ---- on disk
 
     def save(self, path: str | os.PathLike[str], compress: bool = False) -> None:
-        """Write the table to a file, which `numpy.load` opens, too, whole or not at all.
+        """Write the table to a file, which `numpy.load` opens, too.
 
         Parameters
         ----------

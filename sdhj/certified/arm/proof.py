@@ -51,7 +51,7 @@ class ArmProof(Proof):
 
     @property
     def seconds(self) -> float:
-        """What a solve takes on one core: a count of what is computed, times the seconds of each, so no clock."""
+        """What a solve takes on one core: a count of what is computed, times the seconds of each."""
         steps, cells = self.problem.most_steps, math.prod(axis.count for axis in self.axes)
         return 2 * CELL * cells * len(self.problem.inputs) * (steps * (steps + 1) // 2)
 
@@ -109,7 +109,7 @@ class ArmProof(Proof):
 
     @staticmethod
     def peak_bytes_for(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds; an estimate from above."""
+        """The bytes that a solve takes at most, without the sets; an estimate from above."""
         count, (n1, n2, nx, ny) = len(problem.inputs), (axis.count for axis in axes)
         # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
         joints = n1 * n2 * problem.steps + max(n1, n2, nx, ny) * (64 + 96 * parts)
@@ -127,13 +127,13 @@ class ArmProof(Proof):
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
-        """The shape (n1, n2, W) of a packed set: cells of both joints, and words of the cells (x, y) of the agent."""
+        """The shape (n1, n2, W) of a packed set: cells of both joints, words of the agent's cells."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
     @property
     def depends(self) -> FloatArray:
-        """depends[i, k], bool (4, 4): whether the image along axis i varies with the index along axis k: if i = k."""
+        """depends[i, k]: whether the image along axis i varies with the index along axis k: if i = k."""
         return read_only(np.eye(4, dtype=np.bool_))
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
@@ -154,7 +154,7 @@ class ArmProof(Proof):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """As `GeneralProof.inputs`: which inputs are certified for cells `some` (M, 4) at a step, (M, L) bool."""
+        """As `GeneralProof.inputs`."""
         out = among.copy()
         arm_inputs(some, steps_left, step, self.cells, self.motion, sets, pool, out)
         return out
@@ -166,7 +166,7 @@ class ArmProof(Proof):
 
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """The proof's array in a file: "allowed", bits in bytes, the lowest first; all else is soon computed again."""
+        """The proof's array in a file, "allowed": bits in bytes, the lowest first."""
         return {"allowed": np.packbits(self.motion.allowed, bitorder="little")}
 
     @classmethod
@@ -247,7 +247,7 @@ def arm_numbers(stage: ArmScene) -> FloatArray:
 
 
 def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
-    """The least and the greatest coordinate of a state whose prediction is in each of the cells of an axis: (n, 2)."""
+    """The least and the greatest coordinate of a state whose prediction is in each cell: (n, 2)."""
     edges, off = axes[axis].edges(), float(prediction_error_along(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
@@ -255,7 +255,7 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 def clear_of_obstacles(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
 ) -> FloatArray:
-    """Whether the arm is proved to stay clear of the obstacles from each cell of the joints: (steps, L, n1, n2) bool.
+    """Whether the arm is proved to stay clear of the obstacles from each cell of the joints: (steps, L, n1, n2).
 
     For every time of an interval of length `delta`, from every state whose prediction is in the cell. `times` (2^(h +
     1) + 1, steps) cut each step's interval evenly, to halve it h times. `velocities` (2, L, 2) are the least and the

@@ -56,7 +56,7 @@ def verify(
     Parameters
     ----------
     path : path
-        The file that `table.save` wrote.
+        Of `table.save`.
     problem : ReachAvoidProblem, optional
         For black boxes, whose functions are not in the file. All else is not compared with it: `sdhj.load(path,
         problem=...)` does that.
@@ -125,7 +125,7 @@ def verify(
 
 
 def shown(through: Iterable[Any], what: str, total: int) -> Iterator[Any]:
-    """A `Bar` that tells on standard error how far it is, some times a second."""
+    """A `Bar` that tells on standard error how far it is."""
     told = 0.0
     for number, one in enumerate(through, 1):
         if number == total or time.monotonic() - told > 0.1:

@@ -24,7 +24,7 @@ is refused without it:
 10. `Argument.far_off`, `off_at`, `carried_on`  measurements err, come late, at times that are off; what memory keeps
 
 What the file states of the problem is read by `stated`, formulas by `formulas`, which bounds them by the rules of
-`intervals`. The eleventh obligation, that a controller finds what is proved, is no claim of a file; tests ask it.
+`intervals`.
 
 What is claimed is what is promised: moves and clear inputs of the cells that some S_k^n with n >= 1 has, without a
 target S_k^1. What the file says of other cells serves who has lost his promise; it is proved with `everywhere`, and
@@ -110,7 +110,7 @@ class Clear(NamedTuple):
     bits: Array
 
     def of(self, step: int, j: int) -> Array:
-        """From which of the cells u_j is clear in the interval of a step, (cells,) bool."""
+        """From which of the cells u_j is clear in the interval of a step."""
         return (self.bits[min(step, len(self.bits) - 1), :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
 
 
@@ -120,7 +120,7 @@ def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
-    """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,) bool."""
+    """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,)."""
     axes = np.flatnonzero(along)
     out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth * axes.size)]
     while left:
@@ -163,7 +163,7 @@ def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Arr
 
 
 def in_slabs(holds: Callable[[Array], Array], cells: Array) -> Array:
-    """holds(cells), (M,) bool, called with at most `SLAB` of the cells (ndim, M) at once."""
+    """holds(cells), called with at most `SLAB` of the cells at once."""
     begins = range(0, max(cells.shape[1], 1), SLAB)
     return np.concatenate([holds(cells[:, begin : begin + SLAB]) for begin in begins])
 
@@ -172,10 +172,9 @@ class Argument:
     """What a file says of a robot, and the argument that it holds: `claims` goes through all of it.
 
     counts (ndim,) : of cells, layers included. known (ndim,) : bool, the axes that a cell's moves depend on; a place is
-    the part of a cell on these. low, high (starts, inputs, places, ndim) int16 : the first and the last cell that an
-    input leads to, less the cell's own. clear : a list of `Clear`. arrives (starts, sites, bytes) uint8 : an input is a
-    bit. sites (ndim,) : strides of the part of a cell that moves and target depend on. off (ndim,) : E.
-    edges : the ends of the cells of each axis, (n + 1,), as the nearest floats.
+    the part of a cell on these. low, high (starts, inputs, places, ndim) : the first and the last cell that an input
+    leads to, less the cell's own. arrives (starts, sites, bytes) : an input is a bit. sites (ndim,) : strides of the
+    part of a cell that moves and target depend on. off (ndim,) : E. edges : of the cells of each axis, (n + 1,).
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any = None) -> None:
@@ -197,7 +196,7 @@ class Argument:
         self.read_sets(head, arrays)
 
     def bytes_needed(self) -> int:
-        """About the bytes of memory that `claims` takes: an estimate, by the numbers of cells, places and parts."""
+        """About the bytes of memory that `claims` takes."""
         cells, places = math.prod(self.counts.tolist()), min(self.low.shape[2], PLACES)
         looks = sum(one.bits[0, :, 0].size * (len(one.bits) if len(self.low) == 1 else 1) for one in self.clear)
         laps = 1 + int(self.problem.periodic.any())
@@ -300,7 +299,7 @@ class Argument:
         expect(not (left.any() or open_ends.any()), "inputs must be clear of every unsafe set and unsafe end", stated)
 
     def read_sets(self, head: Mapping[str, Any], arrays: Any) -> None:
-        """See for how many steps there are sets: for each pair (k, n), for each n, or one that holds for ever."""
+        """See for how many steps there are sets: for each pair (k, n), for each n, or one for ever."""
         steps, entries = self.problem.steps, len(self.index)
         self.alike = entries != (steps + 1) * (steps + 2) // 2  # whatever the step
         robot = self.problem
@@ -317,7 +316,7 @@ class Argument:
         expect(fits, "sets that hold for ever must be one that leads into itself", self.index.shape)
 
     def strides_of(self, some: Array) -> Array:
-        """The strides of the numbers of what cells are on `some` axes, 0 on the others."""
+        """The strides of the numbers of what cells are on `some` axes."""
         each = np.where(some, self.counts, 1)
         return np.where(some, np.cumprod([1, *each[:0:-1]])[::-1], 0)
 
@@ -326,27 +325,27 @@ class Argument:
         return step * self.problem.delta + self.problem.delay
 
     def cuts(self, pieces: int) -> list[float]:
-        """Where the interval is cut, s from its begin: each part into so many pieces, the same for parts and pieces."""
+        """Where the interval is cut, s from its begin: each part into so many pieces."""
         whole = self.parts * pieces
         return [self.length * (at / whole) for at in range(whole + 1)]
 
     def ends(self, cells: Array, wider: Any = 0.0) -> Array:
-        """The lower and the upper ends of cells (ndim, M), indices, moved outward by `wider`: (2, ndim, M)."""
+        """The lower and the upper ends of cells (ndim, M), moved outward by `wider`: (2, ndim, M)."""
         both = [[edge[own + side] for edge, own in zip(self.edges, cells, strict=True)] for side in (0, 1)]
         return np.array(both) + OUT * np.reshape(wider, (-1, 1))
 
     def cells_at(self, places: Array, strides: Array) -> Array:
-        """A cell (ndim, M) at each place or site (M,): the one with index 0 on the axes that these have not."""
+        """A cell (ndim, M) at each place or site, with index 0 on the axes that these have not."""
         own = zip(strides.tolist(), self.counts.tolist(), strict=True)
         return np.array([places // stride % n if stride else 0 * places for stride, n in own])
 
     def row(self, step: int, within: int) -> Array:
-        """Of the set S_step^within the number of the block of each row of cells. Alike: whatever the step."""
+        """Of the set S_step^within the number of the block of each row of cells."""
         number = step * (self.problem.steps + 1) - step * (step - 1) // 2 + within
         return self.index[min(within, len(self.index) - 1) if self.alike else number]
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
+        """The set S_step^within of the file: (cells,), the last axis fastest."""
         blocks = self.pool[self.row(step, within)].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
@@ -420,7 +419,7 @@ class Argument:
         return found[:, 0]
 
     def outside(self, part: Part, box: Array, times: Times, depth: int | None = None) -> Array:
-        """Whether boxes (2, axes, M) are outside a set at all times: all functions that it is the least of are > 0."""
+        """Whether boxes are outside a set at all times: all functions that it is the least of are > 0."""
         out, every = np.ones(box.shape[2], np.bool_), np.ones(len(part.axes), np.bool_)
         depth = deepest(part) if depth is None else depth
         for one in part.function.least_of:
@@ -522,7 +521,7 @@ class Argument:
         return after
 
     def moves_hold(self, places: Array, start: int, j: int, last: Array) -> Array:
-        """Whether all that cells at places (M,) are led to under u_j lies in the cells that the file says: (M,) bool.
+        """Whether all that cells at places (M,) are led to under u_j lies in the cells that the file says: (M,).
 
         An image may stick out by `STICKS`.
         """
@@ -546,7 +545,7 @@ class Argument:
     # ---- 10: measurements that err
 
     def off_at(self, places: Array) -> Array:
-        """How far the state may be off cells at places (M,), (ndim, M): E, but 0 for who remembers to be in a layer."""
+        """How far the state may be off cells at places: E, but 0 for who remembers to be in a layer."""
         cells, layers = self.cells_at(places, self.strides), np.array(self.layers, np.bool_)[:, :, None]
         at_wall = (layers[:, 0] & (cells == 0)) | (layers[:, 1] & (cells == self.counts[:, None] - 1))
         return np.where(at_wall & self.known[:, None] & self.problem.memory, 0.0, self.off[:, None])
@@ -620,7 +619,7 @@ class Argument:
     ) -> Iterator[tuple[list[int], Callable[[Array], Array]]]:
         """Yield what has to be asked of tubes: on which axes, and the function that answers for tiles of cells.
 
-        It is called with the first and the last cells of tiles, (2 ndim, M), for whether all is well: (M,) bool.
+        It is called with the first and the last cells of tiles, (2 ndim, M), for whether all is well: (M,).
         """
         for k in axes_of(one.ends):
             yield [k], partial(self.stays, k, tubes)
@@ -629,7 +628,7 @@ class Argument:
                 yield part.axes, partial(self.misses, part, step, tubes)
 
     def stays(self, k: int, tubes: Tubes, tiles: Array) -> Array:
-        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), pass no unsafe end: (M,) bool."""
+        """Whether tubes from all cells of tiles pass no unsafe end: (M,)."""
         first, last = np.split(tiles, 2)
         low, high = self.whole(first, last, tubes)[:, k]
         robot, room = self.problem, self.room[k]
@@ -638,7 +637,7 @@ class Argument:
         )
 
     def misses(self, part: Part, step: int, tubes: Tubes, tiles: Array) -> Array:
-        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), miss an unsafe set: (M,) bool.
+        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), miss an unsafe set: (M,).
 
         Tubes from single cells are looked at part by part where it is open.
         """
@@ -653,7 +652,7 @@ class Argument:
         return good
 
     def misses_in_parts(self, part: Part, cells: Array, cuts: list[float], late: float, tubes: Tubes) -> Array:
-        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool."""
+        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,)."""
         good, there = np.ones(cells.shape[1], np.bool_), self.not_gone(cells, tubes)
         ends, rows = self.ends(cells, 2 * self.near), self.rows_of(cells, tubes)
         for number, (begin, end) in enumerate(pairwise(cuts)):
@@ -680,7 +679,7 @@ class Argument:
         return ends + farthest(np.where(there, tubes.swept[..., rows], tubes.swept[:1][..., rows]))
 
     def not_gone(self, cells: Array, tubes: Tubes) -> Array:
-        """In which parts tubes from cells (ndim, M) may still be between the safe ends, (parts, M): once gone, gone."""
+        """In which parts tubes from cells may still be between the safe ends, (parts, M): once gone, gone."""
         gone, robot = np.zeros((self.parts, cells.shape[1]), np.bool_), self.problem
         for k in np.flatnonzero(self.safe.any(axis=1)):
             low, high = tubes.swept[:, :, k][..., self.rows_of(cells, tubes)].swapaxes(0, 1)
@@ -691,7 +690,7 @@ class Argument:
     # ---- 9: the target
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
-        """Whether cells with flat numbers (M,) are inside the target and outside the unsafe sets at a step: (M,) bool.
+        """Whether cells with flat numbers (M,) are inside the target and outside the unsafe sets at a step: (M,).
 
         With all that they may stand for, at all times that the step may be; without a target outside the unsafe sets.
         A set that is unsafe under some inputs only is not asked about.
@@ -706,7 +705,7 @@ class Argument:
         return out if target is None else out & self.inside(target, box[:, target.axes], times)
 
     def arrivals_hold(self, sites: Array, step: int, tubes: Tubes) -> Array:
-        """Whether all of what the cells at sites (M,) are led to is in the target at the end of a step's interval."""
+        """Whether all of what the cells at sites are led to is in the target at the end of the interval."""
         target = self.problem.target
         assert target is not None
         cells, at = self.cells_at(sites, self.sites), self.time(step + 1)
@@ -717,7 +716,7 @@ class Argument:
     # ---- 3: steps
 
     def do_not_grow(self) -> list[str]:
-        """The sets that lack a cell of the one with a step less to go; without a target, that have one more."""
+        """The sets that lack a cell of the one with a step less to go, or without a target have one more."""
         wrong = []
         for step, within in self.pairs:
             if within:
@@ -730,7 +729,7 @@ class Argument:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """The steps k and the steps to go n of all sets; of one for ever that it is there, and leads into itself."""
+        """The steps k and the steps to go n of all sets."""
         if len(self.index) == 1:
             return [(0, 0), (0, 1)]
         steps = self.problem.steps
@@ -777,14 +776,14 @@ class Argument:
         return out
 
     def clear_inputs(self, step: int) -> Array:
-        """Which inputs are clear from each cell in a step's interval: (cells, inputs) bool."""
+        """Which inputs are clear from each cell in a step's interval: (cells, inputs)."""
         out = np.ones((*self.counts, self.problem.count), np.bool_)
         for one, j in product(self.clear, range(self.problem.count)):
             out[..., j] &= one.of(step, j).reshape(np.where(one.own, self.counts, 1))
         return out.reshape(-1, self.problem.count)
 
     def sums(self, cells: Array) -> Array:
-        """How many cells of a set, (cells,) bool, lie below each corner, int32; where an axis closes it goes on."""
+        """How many cells of a set lie below each corner; where an axis closes it goes on."""
         cells = cells.reshape(self.counts)
         for k in axes_of(self.problem.periodic):
             widest = int((self.high[..., k] - self.low[..., k].astype(np.int64)).max()) + 1
@@ -818,7 +817,7 @@ class Argument:
     # ---- all claims
 
     def promised(self, steps: Sequence[int]) -> Array:
-        """Which cells some S_k^n with n >= 1 has, of these steps k; without a target S_k^1: (*counts) bool."""
+        """Which cells some S_k^n with n >= 1 has, of these steps k, or without a target S_k^1."""
         total, one = self.problem.steps, self.problem.target is None
         out = np.zeros(math.prod(self.counts.tolist()), np.bool_)
         for k in steps[:1] if self.alike else steps:
@@ -919,7 +918,7 @@ class Argument:
         open_cells: dict[tuple[int, int], Array],
         open_sites: dict[int, Array],
     ) -> None:
-        """Take out of what is open, in place, what bounds so fine prove of the cells at places (P,)."""
+        """Take out of what is open what bounds so fine prove of the cells at places (P,)."""
         if not places.size:
             return
         rows, looked_at = np.empty(len(open_moves), np.int64), np.zeros(len(open_moves), np.bool_)
@@ -961,14 +960,14 @@ class Argument:
 
 
 class Count:
-    """How many claims of a kind were made, checked, left aside as nothing is promised of them, and not proved."""
+    """How many claims were made, checked, left aside as nothing is promised of them, and not proved."""
 
     def __init__(self, made: int = 0, checked: int = 0, beside: int = 0, failed: int = 0, wrong: Any = ()) -> None:
-        """Begin with these numbers; wrong : what is said of the first that were not proved."""
+        """Begin with these numbers; `wrong` is said of the first that were not proved."""
         self.made, self.checked, self.beside, self.failed, self.wrong = made, checked, beside, failed, list(wrong)
 
     def note(self, made: Array, checked: Array, said: Array | None = None) -> None:
-        """Count claims by arrays of truth values: those made, those looked at, and what else the file said."""
+        """Count claims by arrays of truth values: made, looked at, and what else the file said."""
         self.made, self.checked = self.made + int(made.sum()), self.checked + int(checked.sum())
         self.beside += 0 if said is None else int(said.sum()) - int(made.sum())
 
@@ -996,7 +995,7 @@ def farthest(swept: Array) -> Array:
 
 
 def some_of(what: str, given: Any, count: int) -> Array:
-    """An entry that must be a list of numbers below `count`, each once: which ones, (count,) bool."""
+    """An entry that must be a list of numbers below `count`, each once: which ones."""
     fits = isinstance(given, list) and all(is_whole(one, 0, count - 1) for one in given)
     expect(fits and len({*given}) == len(given), f"{what} must be numbers below {count}, each once", given)
     return np.isin(np.arange(count), given)
@@ -1008,7 +1007,7 @@ def axes_of(some: Array) -> tuple[int, ...]:
 
 
 def in_tiles(some: Array, tiles: Array) -> Array:
-    """Which tiles, so many cells along each axis, have any cell that is True in `some`."""
+    """Which tiles have any cell that is True in `some`."""
     for k, size in enumerate(tiles.tolist()):
         if size > 1:
             some = np.logical_or.reduceat(some, np.arange(0, some.shape[k], size), axis=k)
@@ -1016,7 +1015,7 @@ def in_tiles(some: Array, tiles: Array) -> Array:
 
 
 def spread(tiles: Array, shape: Sequence[int]) -> Array:
-    """The truth values of tiles for the smaller ones that they are cut into, of which there are `shape`."""
+    """The truth values of tiles for the smaller ones that they are cut into."""
     for k, n in enumerate(shape):
         tiles = np.repeat(tiles, -(-n // tiles.shape[k]), axis=k)[(slice(None),) * k + (slice(n),)]
     return tiles

@@ -20,9 +20,8 @@ COVER, PREDICTED, MOVES, CLEAR, ARRIVE, GROW, GOALS, NEARER = (
 class Claim:
     """One kind of claim: how many of these a file makes, how many were checked, and which were not proved.
 
-    failures : a text for each claim that was not proved, or for the first ones where `number` says how many there are.
-    number : how many were not proved; None: as many as there are `failures`. boundary : how many of the cells of which
-    a claim is made, and of those checked, have a neighbour outside their set;
+    failures : a text for each claim that was not proved, or for the first of `number`. boundary : how many of the cells
+    of which a claim is made, and of those checked, have a neighbour outside their set;
         None where that means nothing.
     beside : how many the file says besides, of cells of which nothing is promised; they were not looked at.
     """
@@ -62,7 +61,7 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing that was checked failed, in any claim; of a sample this proves nothing of the rest."""
+        """Whether nothing that was checked failed; of a sample this proves nothing of the rest."""
         return all(claim.failed == 0 for claim in self.claims)
 
     def __str__(self) -> str:

@@ -41,7 +41,7 @@ class Damaged(ValueError):
 
 
 class Stated:
-    """What the head states of an array: dtype, shape, SHA-256, and of a packed one size and SHA-256 as it is packed."""
+    """What the head states of an array, and of a packed one size and SHA-256 as it is packed."""
 
     def __init__(self, name: str, entry: Any) -> None:
         """Read an entry of the head, refused where it is not one of an array that may be."""
@@ -102,11 +102,11 @@ class Arrays:
         return sum(one.size for one in self.stated.values())
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """The shape of an array; KeyError where there is none of that name."""
+        """The shape of an array."""
         return self.stated[name].shape
 
     def array(self, name: str) -> Array:
-        """The numbers of an array, read-only; KeyError where there is none, ValueError where it cannot be unpacked."""
+        """The numbers of an array, read-only."""
         one, part = self.stated[name], self.parts[name]
         if one.packed is not None:
             try:
@@ -121,13 +121,13 @@ class Arrays:
 
 
 def expect_same(found: Any, written: Any, what: str) -> None:
-    """Raise `Damaged` unless two values are the same; the text names what they are of."""
+    """Raise `Damaged` unless two values are the same."""
     if found != written:
         raise Damaged(f"{what} is not what was written")
 
 
 def mapped(path: str) -> memoryview:
-    """The bytes of a file, mapped; `Damaged` where it is missing or a link, OSError where it cannot be read."""
+    """The bytes of a regular file, mapped."""
     if os.path.islink(path) or not os.path.exists(path):
         raise Damaged(f"{path} must be a file")
     stream = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
@@ -144,10 +144,7 @@ def mapped(path: str) -> memoryview:
 
 
 def before(name: bytes, crc: int, size: int, packed: int, method: int, at: int) -> bytes:
-    """What stands before a file in a zip, whose header begins `at`: its numbers then begin at a multiple of 64 bytes.
-
-    method : 0 or 8, deflate.
-    """
+    """What stands before a file in a zip: its numbers then begin at a multiple of 64 bytes."""
     about = struct.pack("<HHHHHIIIH", 45, 0, method, 0, 33, crc, ALL, ALL, len(name))
     fields = struct.pack("<HHQQ", 1, 16, size, packed)
     pad = -(at + 30 + len(name) + 24) % 64
@@ -163,7 +160,7 @@ def listed(name: bytes, crc: int, size: int, packed: int, method: int, at: int) 
 
 
 def first_of_zip(image: memoryview) -> tuple[int, int]:
-    """Where the head begins in a zip, and what size is stated; `Damaged` where it is no zip that begins with one."""
+    """Where the head begins in a zip, and what size is stated."""
     begin = len(before(b"problem.json", 0, 0, 0, 0, 0))
     expect_same(bytes(image[:4]) + bytes(image[30:42]), b"PK\3\4problem.json", "its beginning")
     return begin, int.from_bytes(image[46:54], "little")

@@ -55,7 +55,7 @@ class Reader:
         self.truths: set[int] = set()  # numbers of nodes that are truth values
 
     def expect(self, fits: bool, wrong: str) -> None:
-        """Raise ValueError unless `fits`: it says what is `wrong`, and number and text of the line being read."""
+        """Raise ValueError unless `fits`: what is `wrong`, and number and text of the line."""
         if not fits:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
@@ -65,7 +65,7 @@ class Reader:
         return int(word)
 
     def real(self, word: str) -> float:
-        """A word of the line, a hexadecimal number, nan, inf or -inf, as a float; else, or if too large, ValueError."""
+        """A word of the line, a hexadecimal number, nan, inf or -inf, as a float."""
         try:
             self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")
             return float.fromhex(word)
@@ -74,7 +74,7 @@ class Reader:
             raise
 
     def operands(self, words: list[str]) -> tuple[int, ...]:
-        """The words of a line as the numbers of earlier nodes; ValueError where one is not."""
+        """The words of a line as the numbers of earlier nodes."""
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)
 
     def read(self, lines: Any) -> "Formula":
@@ -157,12 +157,12 @@ class Formula:
     results: tuple[int, ...]
 
     def part(self, first: int, count: int) -> "Formula":
-        """The formula of `count` of the results, from number `first` on, or of those that there are; the same nodes."""
+        """The formula of `count` of the results, from number `first` on; the same nodes."""
         return Formula(self.nodes, self.results[first : first + count])
 
     @cached_property
     def least_of(self) -> list["Formula"]:
-        """Formulas of one result each, of whose values the first result is the least: the operands of nested `min`s."""
+        """Formulas of one result each, of whose values the first result is the least."""
         found, left = list[int](), [self.results[0]]
         while left:
             node = self.nodes[number := left.pop()]
@@ -174,7 +174,7 @@ class Formula:
 
     @cached_property
     def needed(self) -> list[int]:
-        """The numbers of the nodes that the results rest on, ascending; computed once."""
+        """The numbers of the nodes that the results rest on, ascending."""
         found, left = set(self.results), list(set(self.results))
         while left:
             new = set(self.nodes[left.pop()].operands) - found
@@ -184,7 +184,7 @@ class Formula:
 
     @cached_property
     def done(self) -> dict[int, list[int]]:
-        """By the number of a node, the nodes whose values are not needed once it is evaluated; computed once."""
+        """By the number of a node, the nodes whose values are not needed once it is evaluated."""
         last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
         done: dict[int, list[int]] = {}
         for operand in last.keys() - set(self.results):
@@ -193,7 +193,7 @@ class Formula:
 
     @cached_property
     def in_all_boxes(self) -> Callable[[tuple[Any, ...]], dict[int, Interval]]:
-        """`_in_all_boxes`, with its last answer kept: at a time, boxes are mostly asked for again and again."""
+        """`_in_all_boxes`, with its last answer kept: boxes are mostly asked for again and again."""
         return lru_cache(1)(self._in_all_boxes)
 
     def _in_all_boxes(self, numbers: tuple[Any, ...]) -> dict[int, Interval]:
@@ -213,7 +213,7 @@ class Formula:
 
     @cached_property
     def boxes(self) -> int:
-        """How many boxes to evaluate at once, so that at most `MOST_NUMBERS` numbers are in memory; computed once."""
+        """How many boxes to evaluate at once, for at most `MOST_NUMBERS` numbers in memory."""
         most = count = 0
         for number in self.needed:
             count += 1
@@ -231,7 +231,7 @@ class Formula:
 
     @cached_property
     def jumps(self) -> list[int]:
-        """The numbers of the nodes whose operations jump (`JUMPS`); [] for more than `MOST_JUMPS`. Computed once."""
+        """The numbers of the nodes whose operations jump (`JUMPS`); [] for more than `MOST_JUMPS`."""
         found = [number for number in self.needed if self.nodes[number].name in JUMPS]
         return found if len(found) <= MOST_JUMPS else []
 

@@ -114,10 +114,7 @@ def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
 
 
 def expect_room(needed: int) -> None:
-    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group can still get.
-
-    Where the system tells no limit, none holds (`free_memory`).
-    """
+    """Raise MemoryError if `needed` bytes are more than can still be had."""
     free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
@@ -128,10 +125,7 @@ def expect_room(needed: int) -> None:
 
 
 def free_memory() -> Iterator[float]:
-    """Yield the bytes that are free by each limit that the system tells: the machine's, the group's, the process's.
-
-    Begins with infinity, so there is always one.
-    """
+    """Yield the bytes that are free by each limit that the system tells, infinity first."""
     yield math.inf
     with suppress(OSError, LookupError, ValueError):  # no such file, or no number in it: no limit
         found = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
@@ -165,7 +159,7 @@ def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYT
 
 
 def fraction(text: Any) -> Fraction:
-    """The fraction that a text such as "-1/3" states; ValueError where it is none, or a number has over 300 digits."""
+    """The fraction that a text such as "-1/3" states, of numbers of up to 300 digits."""
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
     expect(bool(fits), "cells must be stated as fractions", text)
     return Fraction(text)

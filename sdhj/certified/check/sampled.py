@@ -80,7 +80,7 @@ def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: A
 
 
 def counted(claims: Iterable[Claim]) -> tuple[int, int, list[str]]:
-    """How many claims were checked and how many there are, in all, and a text for each of the first not proved."""
+    """How many claims were checked and how many there are, and a text for each of the first not proved."""
     found = [*claims]
     wrong = [f"{claim.name}: {text}" for claim in found if claim.failed for text in claim.failures[:SHOWN]]
     return sum(claim.checked for claim in found), sum(claim.made for claim in found), wrong
@@ -150,7 +150,7 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
 
 
 def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
-    """Whether all cells of boxes from first to past (ndim, M) are in a set: (M,) bool, by looking up each of them.
+    """Whether all cells of boxes from first to past (ndim, M) are in a set: (M,), by looking up each of them.
 
     As `Argument.all_in`, without the sums of a whole set.
     """
@@ -176,7 +176,7 @@ def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
 
 
 def not_nearer(sets: Argument, step: int, within: int, cells: Array) -> Array:
-    """Of cells of S_k^n, flat numbers, those that no clear input leads on, as `Argument.not_nearer` has it."""
+    """Of cells of S_k^n, flat numbers, those that no clear input leads on."""
     inside = partial(all_in, sets, sets.row(step + 1, within - 1))
     for j in range(sets.problem.count):
         if not cells.size:
@@ -198,7 +198,10 @@ def of_inputs(sets: Argument, drawn: Mapping[int, Array], rng: np.random.Generat
 
 
 def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int, list[str]]:
-    """How many claims there are of u_j in the interval from a step, of cells with flat numbers, and which fail."""
+    """How many claims there are of u_j in the interval from a step, of some cells, and which fail.
+
+    What stays open is asked again by finer pieces of the interval.
+    """
     start, cells = min(step, len(sets.low) - 1), np.array(np.unravel_index(numbers, sets.counts))
     left = [Asked(MOVES, sets.strides, np.unique(sets.strides @ cells), partial(moves_hold, sets, start, j))]
     for one in sets.clear:
@@ -237,12 +240,12 @@ class Asked(NamedTuple):
 
 
 def moves_hold(sets: Argument, start: int, j: int, places: Array, tubes: Tubes) -> Array:
-    """Whether all that cells at places (M,) are led to lies in the cells that the file says: (M,) bool."""
+    """Whether all that cells at places (M,) are led to lies in the cells that the file says: (M,)."""
     return sets.moves_hold(places, start, j, tubes.last[:, :, tubes.rows[places]])
 
 
 def clear_of(sets: Argument, one: Clear, step: int, j: int, numbers: Array, tubes: Tubes) -> Array:
-    """Whether u_j is proved clear, of what `one` is about, from each of its cells (M,), by their numbers: (M,) bool."""
+    """Whether u_j is proved clear, of what `one` is about, from each of its cells (M,), by their numbers: (M,)."""
     cells, out = sets.cells_at(numbers, sets.strides_of(one.own)), np.ones(numbers.size, np.bool_)
     for _, holds in sets.questions(one, step, j, tubes):
         left = np.flatnonzero(out)

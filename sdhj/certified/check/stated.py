@@ -40,7 +40,7 @@ Times = tuple[float, float]
 
 
 def entry(what: str, given: Any, needed: str, may_have: str = "") -> Mapping[str, Any]:
-    """An entry of the head, which must have all fields `needed`, names in a text, and no others but `may_have`."""
+    """An entry of the head, which must have all fields `needed`, and no others but `may_have`."""
     expect(isinstance(given, dict), f"{what} must be an entry with fields", given)
     lacks = [name for name in needed.split() if name not in given]
     expect(not lacks, f"{what} must have the fields {needed.replace(' ', ', ')}", [*given])
@@ -56,14 +56,14 @@ def listed(what: str, given: Any, count: int) -> list[Any]:
 
 
 def flags(what: str, given: Any, count: int) -> Array:
-    """An entry that must be a list of `count` truth values, (count,) bool; 0 and 1 are none."""
+    """An entry that must be a list of `count` truth values."""
     each = listed(what, given, count)
     expect(all(isinstance(one, bool) for one in each), f"{what} must be true or false", given)
     return np.array(each, np.bool_)
 
 
 def label(given: Any) -> str:
-    """A name as it is printed: at most 100 characters, in one line, so that none looks like a line of the verdict."""
+    """A name as it is printed: at most 100 characters, in one line."""
     expect(isinstance(given, str), "a name must be text", given)
     return "".join(one if one.isprintable() else repr(one)[1:-1] for one in given[:100])
 
@@ -86,7 +86,7 @@ class BlackBox:
         return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """What its author states of boxes (M, axes) and times, both (M, results); refused where a value is beyond."""
+        """What its author states of boxes and times; refused where a value is beyond."""
         least, most = self.stated(low, high, times)
         for time in times:
             place = low + self.rng.random(low.shape) * (high - low)
@@ -146,14 +146,12 @@ class Part:
 class Problem:
     """The problem of a file: axes, inputs, interval, sensing, the functions of velocities, target and unsafe sets.
 
-    lower, upper, spacing (ndim,), periodic (ndim,) bool, ends : of each axis, the last the names of both ends.
-    delta, steps, count : the interval, s, how many there are, and how many inputs.
-    error (ndim,), delay, jitter, memory : how the robot senses.
-    target, unsafe : a `Part` or None, and a list of `Part`.
+    ends : the names of both ends of each axis. count : of inputs. target, unsafe : a `Part` or None, and a list of
+    `Part`.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any) -> None:
-        """Read a head; ValueError with a sentence where it is none. given : the problem beside the file, or None."""
+        """Read a head, with the problem that is `given` beside the file."""
         self.head, self.arrays, self.given = head, arrays, given
         self.tables: dict[int, Array] = {}
         self.read_grid(entry("grid", head["grid"], "lower upper periodic shape ends", "names"))
@@ -205,7 +203,7 @@ class Problem:
         self.count = len(self.inputs)
 
     def read_sensing(self, given: Mapping[str, Any]) -> None:
-        """Read the errors of measurements, how late inputs act, how far a clock is off, and whether there is memory."""
+        """Read the errors of measurements, how late inputs act, how far a clock is off, and memory."""
         error = given.get("error", 0.0)
         error = error if isinstance(error, list) else [error] * self.ndim
         self.error = np.array(reals("error", error, self.ndim, 0.0))
@@ -242,7 +240,7 @@ class Problem:
             expect(False, "the problem given must have the black box of the file", name)
 
     def read_velocity(self) -> None:
-        """Read drift + gain v, or velocity(v), and the bounds of v, |v| <= bounds: a function for every input."""
+        """Read drift + gain v, or velocity(v), and the bounds of v: a function for every input."""
         n, bounds = self.ndim, self.formula("bounds", self.ndim)
         d, rest = divmod(len(bounds.results), self.count)
         expect(not rest and d <= MOST_COUNTED, "bounds must have as many results for each input", len(bounds.results))
@@ -266,7 +264,7 @@ class Problem:
         self.trusted = {name for name in self.of if name in self.opaque}
 
     def along(self, axis: int) -> list[Function]:
-        """The functions, of all inputs, of which the velocity along an axis is made; a black box as a whole."""
+        """The functions, of all inputs, of which the velocity along an axis is made."""
         some: list[Function] = []
         for name, each in self.of.items():
             first, count = {

@@ -35,19 +35,19 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 class Words:
     """A file that `sdhj export` wrote, as it was read: the numbers of its head, its blocks and words, and its images.
 
-    steps, starts, leads : how many steps there are, how many with words and how many with images of their own.
-    counts, sides, blocks : along each axis, of cells, of a block's cells, and of blocks; (ndim,) int each.
-    lower, upper, width, length, error, slack : (ndim,) float64, in the axes' units: where cells begin, where the grid
+    starts, leads : how many steps have words and images of their own. counts, sides, blocks (ndim,) : of cells, of a
+    block's cells, and of blocks. lower, upper, width, length, error, slack : (ndim,), in the axes' units: where
+    cells begin, where the grid
         ends, how wide a cell is, after what length the axis closes, the error of a measurement, and how far beside a
         cell a state still counts as in it. delta : the interval, s. inputs (L, m). problem : its digest, a text.
-    periodic : (ndim,) bool. layers : (ndim, 2), those at the lower and at the upper end. safe_ends : (ndim,), 1 for the
+    periodic : (ndim,). layers : (ndim, 2), those at the lower and at the upper end. safe_ends : (ndim,), 1 for the
         lower end and 2 for the upper. brake : the input that is applied where nothing is known.
     index : (starts, *blocks), the number of each block's body. bodies : (bodies, cells of a block) uint32, the numbers
         of the words of a block's cells.
-    fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,) int64, fields
-        of inputs as (words, L) bool.
+    fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,), fields
+        of inputs as (words, L).
     images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
-        index; leads is 0 where there are none. reads : (ndim, ndim) bool, on which axes the images along one depend.
+        index; leads is 0 where there are none. reads : (ndim, ndim), on which axes the images along one depend.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -98,7 +98,7 @@ class Words:
         expect(fits, "inputs of the exported table must be numbers of inputs", self.brake)
 
     def ids(self, start: int) -> Array:
-        """The number of each cell's word at the step `start`, < `starts`: (cells,) uint32, the last axis fastest."""
+        """The number of each cell's word at a step, the last axis fastest."""
         ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
         whole = blocks.transpose(order).reshape(self.blocks * self.sides)
@@ -135,7 +135,7 @@ def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
 
 
 def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words by name: "steps" and "select" as (words,) int64, others as bool (words, inputs)."""
+    """The fields of words by name: "steps" and "select" as (words,), others as bool (words, inputs)."""
     return {
         name: _numbers(some.tobytes(), some.shape[1])
         if name in ("steps", "select")
@@ -145,7 +145,7 @@ def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
 
 
 def _numbers(data: bytes, width: int) -> Array:
-    """The whole numbers in bytes, unsigned, each of `width` bytes, the lowest byte first: (n,) int64."""
+    """The whole numbers in bytes, each of `width` bytes, the lowest byte first."""
     each = np.frombuffer(data, np.uint8).reshape(-1, width).astype(np.int64)
     return each @ (1 << 8 * np.arange(width))
 
@@ -172,7 +172,7 @@ def claims_of_inputs(
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield each field of inputs that lead on: its name, the inputs of each word, and the steps to go that it claims.
 
-    (name, (words, L) bool, (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
+    (name, (words, L), (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
     set with one step less to go; nothing is claimed of a cell with 0.
     """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
@@ -252,7 +252,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
 
 
 def counted(made: int, bad: Array, what: str) -> Count:
-    """So many claims, all of them checked, of which those of the cells `bad` do not hold."""
+    """So many claims, all checked, of which those of the cells `bad` do not hold."""
     return Count(made, made, 0, len(bad), [f"{what} {cell}" for cell in bad[:SHOWN]])
 
 
@@ -267,7 +267,7 @@ def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
 
 
 def images_differ(words: Words, sets: Argument) -> Iterator[str]:
-    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves."""
+    """A text for each step, input and axis whose images are not those that the table's file proves."""
     shape = np.where(sets.known, sets.counts, 1)
     for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
         for start, j in np.ndindex(own.shape[:2]):

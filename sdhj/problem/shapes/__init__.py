@@ -1,1 +1,1 @@
-"""Shapes that sets may be made of: bodies that turn, polygons, maps."""
+"""Shapes of sets: bodies that turn, polygons, maps."""

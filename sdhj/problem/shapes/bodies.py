@@ -80,7 +80,7 @@ class Body:
     radius : float
         By which it is enlarged, m.
     pose : callable (points (M, axes), t) -> (x, y, heading), optional
-        Where the body's frame is, m and rad. By default a footprint moves with the three axes of its set.
+        Where the body's frame is, m and rad. By default the three axes of its set.
 
     Raises
     ------

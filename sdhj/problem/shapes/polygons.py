@@ -1,7 +1,6 @@
 """Simple polygons: checked, cut into convex parts, and as level-set functions of points, for `UnsafeSet.polygon`.
 
 The distance is the least one to an edge, and a point is inside where it is to the left of all edges of a convex part.
-Of a box that meets several parts bounds do not say that it is inside.
 """
 
 from collections.abc import Callable

@@ -155,7 +155,7 @@ class Arm(Sets):
 
     `claims` checks all that the file says of them.
 
-    allowed : (steps, L, n1, n2) bool, where inputs are said to be clear of the obstacles.
+    allowed : (steps, L, n1, n2), where inputs are said to be clear of the obstacles.
     pairs : (entries, 2), the start and within of each entry of the index.
     """
 
@@ -173,7 +173,7 @@ class Arm(Sets):
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
+        """The set S_step^within of the file: (cells,), the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
@@ -220,7 +220,7 @@ class Arm(Sets):
             yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
-        """How many claims of each kind in rows (R,) are not proved, and an example of each: both (R, steps + 2) int64.
+        """How many claims of each kind in rows (R,) are not proved, and an example of each: both (R, steps + 2).
 
         By `check_rows`, which says what kinds and examples are, in threads.
         """
@@ -235,7 +235,7 @@ class Arm(Sets):
         return failed, example
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
-        """The cells of an axis that each of its cells may lead to, for each drift: (drifts, n, most) int.
+        """The cells of an axis that each of its cells may lead to, for each drift: (drifts, n, most).
 
         Where there are fewer than `most` the last one is repeated.
         """
@@ -289,7 +289,7 @@ def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
 def cells_added(arm: Any) -> tuple[Array, Claim]:
     """How many cells each set adds to the one with a step less, in each row; and the claim that sets grow, checked.
 
-    The numbers are (rows, steps + 1, 2) int64, summed over all starts: of all cells that sets within 0, 1, ... steps
+    The numbers are (rows, steps + 1, 2), summed over all starts: of all cells that sets within 0, 1, ... steps
     add, and of those among them that have a neighbour, along some axis, outside the set.
     """
     index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)

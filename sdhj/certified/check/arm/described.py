@@ -38,10 +38,9 @@ class Sets:
 
     A row is a cell of the first axes; each set has a block for each row, whose bits are the cells of the other axes.
 
-    axes : for each axis its lower end, the width of a cell, and the least and the greatest length, as fractions.
-    layers : for each axis the numbers of layers at its lower and its upper end.
-    counts (ndim,) : the numbers of cells, layers included.
-    index (entries, rows) : for each set and row the number of a block. pool (blocks, words) uint64 : the blocks.
+    axes : for each axis its lower end, the width of a cell, and the least and the greatest length, as fractions. layers
+    : at the lower and the upper end of each axis. counts (ndim,) : of cells, layers included. index (entries, rows) :
+    for each set and row the number of a block of the pool (blocks, words).
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Arrays, ndim: int, rows: int, entries: int | None) -> None:
