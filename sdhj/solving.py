@@ -77,7 +77,7 @@ def solve(
     resume : bool
         Go on in a folder that an earlier solve left unfinished, if there is one.
     client : distributed.Client, optional
-        Of Dask (extra `dask`), whose workers solve the entries and see the folder under the same path.
+        Of Dask (extra `dask`), whose workers solve the entries; all see the folder by one path.
     play : bool
         Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
         certified table whether to warn, by "hji" on few nodes, where it has next to nothing.
