@@ -1,7 +1,7 @@
 """What a warning says that helps, helps: the advice is followed, and the number falls or the warning goes.
 
 Advice on the resolution is followed in test_resolution, on gaps in test_gaps, on what is suspected in
-test_suspected, on unbounded velocities in certified/test_refused_velocities.
+test_suspected, that of errors in promises/test_errors_advise.
 """
 
 import warnings

@@ -1,0 +1,887 @@
+"""One table of what is refused: a pattern of the message, the call that raises it, and what its advice makes of it.
+
+`ADVISED` says what helps, which is followed once; `REFUSED` says only what was wrong and what is expected.
+"""
+
+import math
+import os
+import shutil
+from dataclasses import replace
+from functools import cache
+from unittest import mock
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from toys import interval_problem, unicycle_problem
+
+import sdhj
+from sdhj import BlackBox, Certified, Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
+from sdhj.certified.check import verify
+from sdhj.cli import main
+from sdhj.solver.recursion import GridParts, bytes_of_solve
+
+MOVES = [[-1.0], [0.0], [1.0]]
+
+
+@cache
+def line(**options):
+    """A problem with one axis."""
+    return interval_problem(**options)
+
+
+@cache
+def table(method="hji", **options):
+    return sdhj.solve(line(**options), method, play=False, progress=False)
+
+
+def solved(problem, method="hji", **options):
+    return sdhj.solve(problem, method, play=False, progress=False, **options)
+
+
+def with_target(level, **options):
+    return replace(line(**options), target=TargetSet((0,), level))
+
+
+def staying(level):
+    return replace(line(), target=None, unsafe=(UnsafeSet((0,), level, name="all"),))
+
+
+def turned():
+    """A robot in the plane whose velocity depends on its heading."""
+    return unicycle_problem()
+
+
+def moving(drift, **options):
+    """The robot in the plane with another drift."""
+    robot = turned()
+    return replace(robot, dynamics=Dynamics(robot.inputs, drift, **options))
+
+
+def square(p, t):
+    return np.abs(p[:, 0]) - 1.0
+
+
+def far(p, t):
+    return np.abs(p[:, 0]) * 1e40 - 1.0
+
+
+def odd(candidates):
+    return np.full(len(candidates.rows), np.nan)
+
+
+def timed(p, t):
+    return np.abs(p[:, 0] - 0.1 * t) - 1.0
+
+
+NOISE = np.random.default_rng(0)
+BLACK = sdhj.BlackBox(lambda p, t: np.array([max(one, -one) for one in p[:, 0].tolist()]) - 1.0)
+ADVISED = {
+    "swallowed": (
+        "the unsafe sets swallow the target; move it, or check the sign",
+        lambda to: solved(
+            replace(
+                line(), unsafe=(UnsafeSet((0,), lambda p, t: 2.0 - np.abs(p[:, 0]) * 0 - p[:, 0] - 4.5, name="all"),)
+            )
+        ),
+        lambda to: solved(replace(line(), unsafe=(UnsafeSet((0,), lambda p, t: p[:, 0] + 3.0, name="all"),))),
+    ),
+    "all unsafe": (
+        r"every grid node is in an unsafe set: check the signs \(negative is inside\)",
+        lambda to: solved(staying(lambda p, t: np.abs(p[:, 0]) - 5.0)),
+        lambda to: solved(staying(lambda p, t: 5.0 - np.abs(p[:, 0]))),
+    ),
+    "a target between nodes: more nodes": (
+        "falls between nodes, or its level-set function has the wrong sign .*; move or enlarge it, or use more nodes",
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.05) - 0.04)),
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.05) - 0.04, nodes=641, disturbance=0.01)),
+    ),
+    "a target between nodes: move it": (
+        "move or enlarge it",
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.05) - 0.04)),
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.1) - 0.04)),
+    ),
+    "a level set that is too large": (
+        "single precision supports at most .*; clip it",
+        lambda to: solved(with_target(far)),
+        lambda to: solved(with_target(lambda p, t: np.minimum(far(p, t), 10.0))),
+    ),
+    "nothing to do": (
+        "nothing to stay clear of; give an unsafe set or an unsafe end",
+        lambda to: replace(line(), target=None, unsafe=()),
+        lambda to: (replace(line(), target=None), replace(line(ends="unsafe"), target=None, unsafe=())),
+    ),
+    "for ever, and in time": (
+        "depend on time; give a number of steps",
+        lambda to: replace(line(), target=TargetSet((0,), timed), steps=None),
+        lambda to: replace(line(), target=TargetSet((0,), timed), steps=3),
+    ),
+    "lax and the state": (
+        'needs velocities that do not depend on the state; use method="hji"',
+        lambda to: solved(turned(), "lax"),
+        lambda to: solved(turned(), "hji"),
+    ),
+    "projected on one axis": (
+        'needs a grid of at least 2 axes, one to drop; use method="hji"',
+        lambda to: solved(line(), "projected"),
+        lambda to: solved(line(), "hji"),
+    ),
+    "resume without a store": (
+        "apply to a store only; give one, for example store='table",
+        lambda to: solved(line(), resume=True),
+        lambda to: solved(line(), resume=True, store=to / "table.store"),
+    ),
+    "no step where time matters": (
+        r"the answer depends on time: give the step, for example select\(q, step=0\)",
+        lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
+        lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
+    ),
+    "a table onto a folder": (
+        "is a folder; name a file",
+        lambda to: table().save(to),
+        lambda to: table().save(to / "t.npz"),
+    ),
+    "an export onto a file": (
+        "is a file, and an export is a folder: name another folder",
+        lambda to: (to / "table").write_text("") or sdhj.export_c(table("certified"), to / "table", progress=False),
+        lambda to: sdhj.export_c(table("certified"), to / "robot", progress=False),
+    ),
+    "what was exported, elsewhere": (
+        "sdhj_table.bin is not there: exported is the folder of an export, or the sdhj_table.bin in it",
+        lambda to: (table("certified").save(to / "t.npz"), verify(to / "t.npz", exported=to)),
+        lambda to: (
+            sdhj.export_c(table("certified"), to, progress=False),
+            verify(to / "t.npz", exported=to),
+            verify(to / "t.npz", exported=to / "sdhj_table.bin"),
+        ),
+    ),
+    "inputs in one row": (
+        r"got \(4,\); of one number each: \[\[-1\], \[0\], \[1\], \.\.\.\]$",
+        lambda to: Dynamics([-1, 0, 1, 2], [[1.0]] * 4),
+        lambda to: Dynamics([[-1], [0], [1], [2]], [[1.0]] * 4),
+    ),
+    "a drift of v: as a velocity": (
+        r"drift does not take the disturbance v, got \(q, u, v\): give velocity=f\(q, u, v\), with bounds for v",
+        lambda to: Dynamics(MOVES, drift=lambda q, u, v: q + u + v, bounds=[0.1]),
+        lambda to: Dynamics(MOVES, velocity=lambda q, u, v: q + u + v, bounds=[0.1]),
+    ),
+    "a drift of v: by a gain": (
+        "or leave v out, and gain= and bounds= say how it moves the state",
+        lambda to: Dynamics(MOVES, drift=lambda q, u, v: q + u + v),
+        lambda to: Dynamics(MOVES, drift=lambda q, u: q + u, gain=[[1.0]], bounds=[0.1]),
+    ),
+    "one state at a time": (
+        r"a function gets all states at once: points are \(M, n\), column k is points\[:, k\]",
+        lambda to: moving(lambda q, u: np.array([np.cos(q[2]), np.sin(q[2]), u[0]])),
+        lambda to: moving(
+            lambda q, u: np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full_like(q[:, 2], u[0])], axis=1)
+        ),
+    ),
+    "noise in a drift": (
+        "treats points differently.*; noise is a disturbance, whose bounds are given, and no part of a function",
+        lambda to: moving(lambda q, u: 0.0 * q + 0.1 * np.random.default_rng(0).normal(size=(len(q), 3))),
+        lambda to: moving(lambda q, u: 0.0 * q, gain=np.eye(3), bounds=[0.1] * 3),
+    ),
+    "noise in a drift, the same for all": (
+        "answers differently when it is called again.*; noise is a disturbance, whose bounds are given",
+        lambda to: moving(lambda q, u: 0.0 * q + NOISE.normal()),
+        lambda to: moving(lambda q, u: 0.0 * q, gain=np.ones((3, 1)), bounds=[0.1]),
+    ),
+    "no input after the last step": (
+        "at step 5, the last sampling time: the run is over then, .* unsafe set; ask at a step from 0 to 4$",
+        lambda to: Controller(table()).select([3.0], table().steps),
+        lambda to: Controller(table()).select([1.2], table().steps - 1),
+    ),
+    "a command of another size": (
+        r"wanted must be the index of an input, from 0 to \d, or a command of 1 number, such as .*; got \[1.0, 0.0\]",
+        lambda to: Controller(table()).filter([1.5], 0, wanted=[1.0, 0.0]),
+        lambda to: Controller(table()).filter([1.5], 0, wanted=[1.0]),
+    ),
+    "a rule that answers NaN": (
+        "met a NaN, .*; look at the functions it calls",
+        lambda to: Controller(table(), rule=odd).select([2.0]),
+        lambda to: Controller(table(), rule=lambda c: np.nan_to_num(odd(c))).select([2.0]),
+    ),
+    "a table that is a folder": (
+        "is a folder without problem.json",
+        lambda to: sdhj.load(to),
+        lambda to: (table().save(to / "table.npz"), sdhj.load(to / "table.npz")),
+    ),
+    "a table that is a pipe": (
+        "neither read nor replaced; name a file",
+        lambda to: (os.mkfifo(to / "pipe"), table().save(to / "pipe")),
+        lambda to: table().save(to / "table.npz"),
+    ),
+    "no file": (
+        r"no file .*; write one with table.save",
+        lambda to: sdhj.load(to / "no.npz"),
+        lambda to: (table().save(to / "no.npz"), sdhj.load(to / "no.npz")),
+    ),
+    "a damaged file": (
+        "is damaged, cut short or not a look-up table; solve it anew",
+        lambda to: ((to / "table.npz").write_bytes(b"x"), sdhj.load(to / "table.npz")),
+        lambda to: (solved(line()).save(to / "table.npz"), sdhj.load(to / "table.npz")),
+    ),
+    "black boxes are not in the file": (
+        r"it has black boxes .*use load\(path, problem=...\)",
+        lambda to: (solved(with_target(BLACK)).save(to / "table.npz"), sdhj.load(to / "table.npz")),
+        lambda to: sdhj.load(to / "table.npz", problem=with_target(BLACK)),
+    ),
+    "a store that exists": (
+        "exists already; go on with it by resume=True, remove it, or choose another name",
+        lambda to: (solved(line(), store=to / "one.store"), solved(line(), store=to / "one.store")),
+        lambda to: (
+            solved(line(), store=to / "one.store", resume=True),
+            solved(line(), store=to / "two.store"),
+            shutil.rmtree(to / "one.store"),
+            solved(line(), store=to / "one.store"),
+        ),
+    ),
+    "a grid table for a robot": (
+        'only certified tables are exported, .*: solve the problem with method="certified"',
+        lambda to: sdhj.export_c(table(), to),
+        lambda to: sdhj.export_c(table("certified"), to, progress=False),
+    ),
+    "a resolution for a map that has one": (
+        "read from the map's file; give them with an array only",
+        lambda to: UnsafeSet.from_map(to / "map.yaml", (0, 1), resolution=0.1),
+        lambda to: UnsafeSet.from_map(np.eye(4, dtype=bool), (0, 1), resolution=0.1),
+    ),
+    "a parameter that is never given": (
+        "leave the . out",
+        lambda to: with_target(lambda p, *, t: np.abs(p[:, 0] - t) - 1.0),
+        lambda to: with_target(lambda p, t: np.abs(p[:, 0] - t) - 1.0),
+    ),
+    "velocity as a black box": (
+        "velocity cannot be a BlackBox: give drift and gain, which can be",
+        lambda to: replace(
+            line(), dynamics=Dynamics(MOVES, velocity=sdhj.BlackBox(lambda q, u, v: u + v), bounds=[0.2])
+        ),
+        lambda to: solved(
+            replace(line(), dynamics=Dynamics(MOVES, sdhj.BlackBox(black_drift, rate=0.0), [[1.0]], [0.2]))
+        ),
+    ),
+    "images of too many cells": (
+        "an interval moves the state by more than 32,767 cells; use fewer cells",
+        lambda to: solved(line(), Certified(cells=(500_000,))),
+        lambda to: solved(line(), Certified(cells=(500,))),
+    ),
+    "a set below its sweep": (
+        "or leave it out: the library then sweeps the set itself",
+        lambda to: solved(post(swept=lambda p, t0, t1: 4.0 - p[:, 0])),
+        lambda to: solved(post()),
+    ),
+    "--start and --runs": (
+        "give only one of them",
+        lambda to: (table().save(to / "t.npz"), command("simulate", to / "t.npz", "--start", "0.5", "--runs", "10")),
+        lambda to: command("simulate", to / "t.npz", "--start", "0.5"),
+    ),
+    "a robot that exists": (
+        "exists; choose another name",
+        lambda to: [command("new", to / "car.py") for _ in range(2)],
+        lambda to: command("new", to / "truck.py"),
+    ),
+    "a folder and no table": (
+        "the folder of an export; give the table that it was made of: --table table.npz",
+        lambda to: (sdhj.export_c(table("certified"), to, progress=False), command("verify", to)),
+        lambda to: (table("certified").save(to / "t.npz"), command("verify", to, "--table", to / "t.npz")),
+    ),
+    "neither a file nor a store": (
+        "give -o, the file to write, or --store",
+        lambda to: ((to / "robot.py").write_text(ROBOT), command("solve", f"{to / 'robot.py'}:problem")),
+        lambda to: command("solve", f"{to / 'robot.py'}:problem", "-o", to / "t.npz"),
+    ),
+    "cells of a grid method": (
+        "needs --method certified, got --method .*; leave out one of them",
+        lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--cells", "40", "--method", "hji")),
+        lambda to: (solve_robot(to, "--cells", "40", "--method", "certified"), solve_robot(to, "--method", "hji")),
+    ),
+    "options of the arm": (
+        "is of the arm's case study; state it in the problem of",
+        lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--nodes", "41")),
+        lambda to: ((to / "robot.py").write_text(ROBOT.replace("[81]", "[41]")), solve_robot(to)),
+    ),
+    "a drift that is not one of the state": (
+        "its first parameter is the state, .*If it is the state, write .*; if it is",
+        lambda to: Dynamics(MOVES, lambda u, q: q[0] + 0 * u),
+        lambda to: Dynamics(MOVES, lambda q, u: u[0] + 0 * q),
+    ),
+    "compiled code that says nothing": (
+        "does not say what it takes: wrap it in a lambda",
+        lambda to: Dynamics(MOVES, max),
+        lambda to: Dynamics(MOVES, lambda q, u: np.maximum(0 * q, u)),
+    ),
+    "bounds as a black box": (
+        "bounds cannot be a BlackBox: give half-widths, or a function that can be read",
+        lambda to: replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], sdhj.BlackBox(lambda q, u: 0.2 + 0 * q))),
+        lambda to: [
+            replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], one)) for one in ([0.2], lambda q: 0.2 + 0 * q)
+        ],
+    ),
+    "too many inputs": (
+        "are supported, so quantise more coarsely",
+        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 70_000)[:, None]] * 2),
+        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 100)[:, None]] * 2),
+    ),
+    "a drift without dynamics' other half": (
+        "give drift, with gain and bounds, or velocity, with bounds",
+        lambda to: Dynamics(MOVES),
+        lambda to: (
+            Dynamics(MOVES, MOVES, [[1.0]], [0.2]),
+            Dynamics(MOVES, velocity=lambda q, u, v: 0 * q + u[0] + v[0], bounds=[0.2]),
+        ),
+    ),
+    "order of HJI": (
+        r"its options are|it belongs to|Scheme\(order=",
+        lambda to: sdhj.HJI(order=3),
+        lambda to: sdhj.HJI(sdhj.Scheme(order=3)),
+    ),
+    "a mask": (
+        "remove the mask, for example by filled",
+        lambda to: table().contains(np.ma.masked_less([[0.5]], 0.0)),
+        lambda to: table().contains(np.ma.masked_less([[0.5]], 0.0).filled(9.0)),
+    ),
+    "one state for many": (
+        r"q\[None\] is one state",
+        lambda to: Controller(table()).batch(0.5),
+        lambda to: Controller(table()).batch(np.array([0.5])[None]),
+    ),
+    "many states for one": (
+        r"for many states use batch\(\)",
+        lambda to: Controller(table()).select([[0.5], [1.0]]),
+        lambda to: Controller(table()).batch([[0.5], [1.0]]),
+    ),
+    "in the target, and not to be kept there": (
+        r"the task is done, or use fallback\(\)",
+        lambda to: Controller(solved(drifting(), "certified")).select([0.9]),
+        lambda to: Controller(solved(drifting(), "certified")).fallback([0.9]),
+    ),
+    "a state that is not promised: another, or more steps": (
+        r"choose a state where table.contains\(q, start=0, within=1\) is true, or solve with more steps or nodes",
+        lambda to: Controller(table(steps=1)).select([-2.0]),
+        lambda to: (
+            Controller(table(steps=1)).select([-1.2])
+            if table(steps=1).contains([[-1.2]], start=0, within=1)
+            else 1 / 0,
+            Controller(table(steps=5)).select([-2.0]),
+        ),
+    ),
+    "a state that is not promised: more cells": (
+        "stay clear for ever .*, or solve with more cells",
+        lambda to: Controller(braking(12)).select([0.9, 0.6]),
+        lambda to: Controller(braking(200)).select([0.9, 0.6]),
+    ),
+    "records of a velocity": (
+        "v must enter the velocity linearly: give drift and gain",
+        lambda to: recorded(Dynamics(MOVES, velocity=lambda q, u, v: 0 * q + u[0] + v[0] ** 3, bounds=[0.2])),
+        lambda to: recorded(line().dynamics),
+    ),
+    "records of other inputs": (
+        "problem with the inputs that were recorded",
+        lambda to: recorded(line().dynamics, 0.5),
+        lambda to: recorded(Dynamics([[0.5]], [[0.5]], [[1.0]], [0.2]), 0.5),
+    ),
+    "a loop of a table that forgets": (
+        r"only tables solved with Sensing\(..., memory=True\) have a loop; ask select and filter",
+        lambda to: exported_with(to, memory=False).loop(1),
+        lambda to: exported_with(to, memory=True).loop(1).step([[0.0]]),
+    ),
+    "no run can start": (
+        "so no run can start from it; use",
+        lambda to: sdhj.monte_carlo(Controller(solved(parking(1e-6))), 10, progress=False),
+        lambda to: sdhj.monte_carlo(Controller(solved(parking(0.6))), 10, progress=False),
+    ),
+    "a level set undefined between nodes": (
+        r"as in np.sqrt\(np.maximum\(x, 0.0\)\), give swept=, or use view_time='sampled'",
+        lambda to: solved(rooted(np.sqrt)),
+        lambda to: (
+            solved(rooted(lambda x: np.sqrt(np.maximum(x, 0.0)))),
+            solved(
+                rooted(np.sqrt, swept=lambda p, t0, t1: np.abs(p[:, 0] - 3 - (t0 + t1) / 20) - (t1 - t0) / 20 - 0.5)
+            ),
+            solved(replace(rooted(np.sqrt), view_time="sampled")),
+        ),
+    ),
+    "a level set that is too small": (
+        "scale the function, or return 0 there",
+        lambda to: solved(with_target(lambda p, t: 1e-46 * (np.abs(p[:, 0]) - 1.0))),
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
+    ),
+    "a black box in time": (
+        r"BlackBox\(..., rate=0.0\) if it does not, or use view_time='sampled'",
+        lambda to: boxed(),
+        lambda to: (solved(boxed(rate=0.0)), solved(boxed("sampled"))),
+    ),
+    "a black box at an instant": (  # games sweep it over each time step
+        r"BlackBox\(..., rate=0.0\) if it does not",
+        lambda to: boxed("instantaneous"),
+        lambda to: solved(boxed("instantaneous", rate=0.0)),
+    ),
+    "a black box and a proof": (
+        "is a BlackBox without a slope or an enclosure, which a proof needs",
+        lambda to: solved(boxed(rate=0.0), Certified(cells=(80,))),
+        lambda to: (
+            solved(boxed(rate=0.0, slope=1.0), Certified(cells=(80,))),
+            solved(boxed(enclosure=lambda low, high, t0, t1: (3 - high[:, 0], 3 - low[:, 0])), Certified(cells=(80,))),
+        ),
+    ),
+    "a black box and sensing": (
+        "drift is a BlackBox without a slope, which a Sensing needs",
+        lambda to: sensed(sdhj.BlackBox(black_drift, rate=0.0)),
+        lambda to: sensed(sdhj.BlackBox(black_drift, slope=0.0, rate=0.0)),
+    ),
+    "a black box in a function": (
+        "wrap the whole function in sdhj.BlackBox",
+        lambda to: with_target(lambda p, t: BLACK(p, t) + 1.0),
+        lambda to: with_target(sdhj.BlackBox(lambda p, t: BLACK.function(p, t) + 1.0)),
+    ),
+    "a velocity that may be undefined": (
+        "clip what it is divided by, or a root is taken of",
+        lambda to: sensed(lambda q, u: u[0] + 1e-6 / (q - 0.123456)),
+        lambda to: sensed(lambda q, u: u[0] + 1e-6 / np.maximum(q - 0.123456, 1e-3)),
+    ),
+    "more doubt than target": (
+        "reduce error or delay, or enlarge the target",
+        lambda to: replace(line(), sensing=sdhj.Sensing(0.6, memory=False)),
+        lambda to: (
+            replace(line(), sensing=sdhj.Sensing(0.1, memory=False)),
+            replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6, memory=False)),
+        ),
+    ),
+    "a run that is over": (
+        r"the run is over; call reset\(\)",
+        lambda to: agent().step(0),
+        lambda to: agent(reset=True).step(0),
+    ),
+    "something else than its arguments": (
+        "write it in NumPy's functions of the arguments alone, or wrap it in sdhj.BlackBox",
+        lambda to: solved(with_target(elsewhere)),
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
+    ),
+    "a store and a proof": (
+        "leave store= out to solve in memory",
+        lambda to: solved(line(), "certified", store=to / "t.store"),
+        lambda to: solved(line(), "certified"),
+    ),
+    "for ever on a grid": (
+        "Use method='certified' .* or give steps=N: safe for N steps from step 0",
+        lambda to: solved(replace(line(), target=None, steps=None), "hji"),
+        lambda to: (
+            solved(replace(line(), target=None, steps=None), "certified"),
+            solved(replace(line(), target=None)),
+        ),
+    ),
+    "some time on a grid": (
+        "give steps=60, say; steps_to_go tells where fewer are enough. method='certified' finds the number by itself",
+        lambda to: solved(replace(line(), steps=None), "hji"),
+        lambda to: (solved(replace(line(), steps=60)), solved(replace(line(), steps=None), "certified")),
+    ),
+    "safe ends and a target": (
+        "need a problem without a target",
+        lambda to: line(ends="safe"),
+        lambda to: replace(line(), target=None, grid=sdhj.Grid([-4.0], [4.0], [81], ends="safe")),
+    ),
+    "no certified sets": (
+        "holds no certified sets; make them with method='certified'",
+        lambda to: (table().save(to / "t.npz"), verify(to / "t.npz")),
+        lambda to: (table("certified").save(to / "t.npz"), verify(to / "t.npz")),
+    ),
+    "black boxes to verify": (
+        "rests on black boxes, .*; give the problem",
+        lambda to: (solved(boxed(**KNOWN), "certified").save(to / "t.npz"), verify(to / "t.npz")),
+        lambda to: verify(to / "t.npz", problem=boxed(**KNOWN)),
+    ),
+    "a figure of one axis": (
+        "a slice has two axes, and this robot has one; `sdhj info` prints its shares",
+        lambda to: (table().save(to / "t.npz"), command("plot", to / "t.npz", "-o", to / "t.png")),
+        lambda to: command("info", to / "t.npz"),
+    ),
+    "an ending": (
+        "t.gif must end in .png or .svg, which selects the file type",
+        lambda to: (plane().save(to / "t.npz"), command("plot", to / "t.npz", "-o", to / "t.gif")),
+        lambda to: command("plot", to / "t.npz", "-o", to / "t.png"),
+    ),
+    "a default in the place of the time": (
+        "call it so, and let what has a default stand last",
+        lambda to: with_target(lambda p, size=1.0: np.abs(p[:, 0]) - size),
+        lambda to: with_target(lambda p, t, size=1.0: np.abs(p[:, 0]) - size),
+    ),
+    "a large table": (
+        "those of a problem at most .* together; use fewer nodes",
+        lambda to: sdhj.gridded(np.broadcast_to(0.0, 2**28), [0.0], [1.0]),
+        lambda to: sdhj.gridded(np.broadcast_to(0.0, 2**8), [0.0], [1.0]),
+    ),
+    "large tables": (
+        "the tables that the problem looks up.*; use fewer nodes or pixels",
+        lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(40)),
+        lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(10)),
+    ),
+    "a large map": (
+        "pixels are too many.*; scale the map down, or cut off what is not needed",
+        lambda to: UnsafeSet.from_map(np.broadcast_to(False, (20_000, 20_000)), (0, 1), resolution=0.1),
+        lambda to: [
+            UnsafeSet.from_map(some, (0, 1), resolution=side)
+            for some, side in ((np.broadcast_to(False, (20_000, 20_000))[::500, ::500], 50.0), (np.eye(40) > 0, 0.1))
+        ],
+    ),
+    "a map and no memory": (
+        "needs about .* GB are available; scale it down",
+        lambda to: with_room(10**7, lambda: with_map(1000)),
+        lambda to: with_room(10**7, lambda: with_map(100)),
+    ),
+    "a solve and no memory": (
+        'use fewer nodes or steps, or dtype "float32"',
+        lambda to: with_room(scarce(), lambda: solved(line(nodes=1001, steps=40), DOUBLE)),
+        lambda to: with_room(
+            scarce(),
+            lambda: (
+                solved(line(nodes=101, steps=40), DOUBLE),
+                solved(line(nodes=1001, steps=4), DOUBLE),
+                solved(line(nodes=1001, steps=40)),
+            ),
+        ),
+    ),
+    "a proof and no memory": (
+        "certifying .* cells needs .*; use fewer cells",
+        lambda to: with_room(2 * 10**6, lambda: solved(line(), Certified(cells=(30_000,)))),
+        lambda to: with_room(2 * 10**6, lambda: solved(line(), Certified(cells=(300,)))),
+    ),
+    "a check and no memory": (
+        "check some cells with samples=1000",
+        lambda to: (table("certified").save(to / "t.npz"), with_room(0, lambda: verify(to / "t.npz"))),
+        lambda to: (
+            table("certified").save(to / "t.npz"),
+            with_room(200_000, lambda: verify(to / "t.npz", samples=10)),
+        ),
+    ),
+    "a drift of many lines": (
+        "use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox",
+        lambda to: patched("sdhj.problem.dynamics.MOST_LINES", 9, lambda: waving(3)),
+        lambda to: patched(
+            "sdhj.problem.dynamics.MOST_LINES",
+            9,
+            lambda: (waving(1), waving(3, lambda q, u: u[0] + 0 * q), waving(3, sdhj.BlackBox(waves))),
+        ),
+    ),
+    "an interval that is too long": (
+        "use a shorter delta, lower velocities or fewer nodes, or check their units",
+        lambda to: solved(replace(line(), delta=1e5)),
+        lambda to: solved(line()),
+    ),
+    "velocities that vibrate": (
+        "use a shorter delta, or include the vibration in the adversary's bounds",
+        lambda to: solved(vibrating(1.0)),
+        lambda to: (solved(vibrating(0.01)), solved(vibrating(1.0, 0.0, 3.2))),
+    ),
+    "a picture whose line ends were changed": (
+        r"say that it is binary \(\*.pgm binary in .gitattributes\)",
+        lambda to: of_map(to, PICTURE.replace(b"\n", b"\r\n")),
+        lambda to: of_map(to, PICTURE),
+    ),
+    "no such folder": (
+        "choose a folder that exists and can be written",
+        lambda to: table().save(to / "no" / "t.npz"),
+        lambda to: ((to / "no").mkdir(), table().save(to / "no" / "t.npz")),
+    ),
+    "no compiler": (
+        "no C compiler was found; install gcc or clang, or name one in the environment variable CC",
+        lambda to: patched("shutil.which", lambda name: None, lambda: asked(to)),
+        lambda to: patched("shutil.which", lambda name: None, lambda: asked(to, CC=COMPILER)),
+    ),
+}
+ROBOT = """import numpy as np
+import sdhj
+
+problem = sdhj.ReachAvoidProblem(
+    sdhj.Grid([-4], [4], [81], ends="wall"),
+    sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [0.2]),
+    sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
+    [],
+    0.5,
+    3,
+)
+"""
+
+
+def black_drift(q, u):
+    return np.array([[float(u[0])] for _ in q])
+
+
+def post(**options):
+    part = UnsafeSet((0,), lambda p, t: 3.0 - 0.1 * t - p[:, 0], name="wall", **options)
+    return replace(line(), unsafe=(part,))
+
+
+def drifting():
+    """A robot that is blown out of its target, whatever it does."""
+    return replace(line(), dynamics=Dynamics(MOVES, lambda q, u: u[0] + 2.0 + 0 * q, [[1.0]], [0.1]))
+
+
+def recorded(dynamics, applied=1.0):
+    """What the records of a robot that was driven by one input say."""
+    problem = replace(line(), dynamics=dynamics)
+    t = np.arange(11) / 10
+    records = [np.column_stack([t, (applied + wind) * t, np.full(11, applied)]) for wind in np.linspace(-0.2, 0.2, 10)]
+    return sdhj.bounds_from_records(problem, records, error=0.0)
+
+
+def exported_with(folder, memory):
+    if memory and not COMPILER:
+        pytest.skip("there is neither gcc nor clang")
+    sensing = sdhj.Sensing(0.05, memory=memory)
+    found = solved(replace(line(), sensing=sensing), Certified(cells=(80,)))
+    return sdhj.export_c(found, folder, progress=False)
+
+
+@cache
+def braking(cells):
+    """A cart that has to stay before a wall at 1.8 m, for ever."""
+    moves = Dynamics(MOVES, lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1))
+    before = UnsafeSet((0,), lambda p, t: 1.8 - p[:, 0], name="wall")
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-2, -1.5], [2, 1.5], [41, 31]), moves, None, [before], 0.2, None)
+    return solved(problem, Certified(cells=(cells, cells)))
+
+
+def parking(tolerance):
+    """A target that few nodes lie in, and an adversary as strong as the robot."""
+    return replace(with_target(lambda p, t: np.abs(p[:, 0]) - tolerance, disturbance=0.9), steps=1)
+
+
+def rooted(root, **options):
+    """A post |q - 3 - t / 10| <= 0.5, whose root has wider bounds than its values."""
+
+    def level(p, t):
+        far = p[:, 0] - 3 - 0.1 * t
+        return root(far * far - 2 * far + 1 + 2 * far - 1) - 0.5
+
+    return replace(line(), unsafe=(UnsafeSet((0,), level, name="post", **options),))
+
+
+def boxed(view_time="swept", **declared):
+    """The wall as a black box."""
+    return replace(line(), unsafe=(UnsafeSet((0,), sdhj.BlackBox(wall, **declared), name="wall"),), view_time=view_time)
+
+
+def wall(p, t):
+    return 3.0 - p[:, 0]
+
+
+def sensed(drift):
+    """A problem with measurement error."""
+    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [0.2]), sensing=sdhj.Sensing(0.1, memory=False))
+
+
+def agent(reset=False, **options):
+    environment = pytest.importorskip("sdhj.simulation.environment", exc_type=ImportError)
+    made = environment.ReachAvoidEnv(solved(replace(line(), **options)))
+    if reset:
+        made.reset()
+    return made
+
+
+def elsewhere(p, t):
+    """The distance from a place that a module of yours may move."""
+    return np.abs(p[:, 0]) - PLACES[0] * (1.0 if type(p) is np.ndarray else 2.0)
+
+
+def patched(name, value, act):
+    """What `act` does where `name` is replaced."""
+    with mock.patch(name, value):
+        return act()
+
+
+def with_room(nbytes, act):
+    """What `act` does where so little memory is free, and all of it is counted."""
+    free = lambda: (nbytes, "are available")  # noqa: E731
+    with (
+        mock.patch("sdhj.common.memory.available", free),
+        mock.patch("sdhj.common.memory.SPARE", 0),
+        mock.patch("sdhj.certified.check.reading.free_memory", lambda: [nbytes]),
+    ):
+        return act()
+
+
+@cache
+def scarce():
+    """Bytes that a solve of half of what is asked for needs."""
+    most, few = (bytes_of_solve(GridParts(line(nodes=1001, steps=steps), DOUBLE)) for steps in (40, 4))
+    return (most + few) // 2
+
+
+def with_map(side):
+    """A problem in the plane, of which a map of so many pixels is unsafe."""
+    office = UnsafeSet.from_map(np.eye(side) > 0, (0, 1), resolution=3.0 / side, origin=(-1.5, -1.5))
+    return replace(turned(), unsafe=(office,))
+
+
+def of_map(folder, picture):
+    (folder / "map.pgm").write_bytes(picture)
+    (folder / "map.yaml").write_text(YAML)
+    return UnsafeSet.from_map(folder / "map.yaml", (0, 1))
+
+
+def waves(q, u):
+    return u[0] + np.sin(q) + np.cos(2 * q) * u[0]
+
+
+def waving(count, drift=waves):
+    """As many inputs."""
+    inputs = np.linspace(-1.0, 1.0, count)[:, None]
+    return replace(line(), dynamics=Dynamics(inputs, drift, [[1.0]], [0.2]))
+
+
+def vibrating(delta, amplitude=6.0, bound=0.2):
+    """Gusts of 6 m/s, eight in a second, or an adversary that can do as much around their mean."""
+    drift = lambda q, u, t: u[0] + amplitude * np.sin(8 * np.pi * t) ** 2 + (6.0 - amplitude) / 2 + 0 * q  # noqa: E731
+    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [bound]), delta=delta, steps=2)
+
+
+def asked(folder, **environment):
+    """What the compiled C of a table answers."""
+    if not COMPILER:
+        pytest.skip("there is neither gcc nor clang")
+    with mock.patch.dict(os.environ, environment):
+        return sdhj.export_c(table("certified"), folder, progress=False).select([[0.5]])
+
+
+COMPILER = shutil.which("gcc") or shutil.which("clang")
+DOUBLE = sdhj.HopfLax(dtype="float64")
+PICTURE = b"P5\n4 3\n255\n" + bytes([254] * 11 + [0])
+YAML = """image: map.pgm
+resolution: 1
+origin: [0, 0, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+PLACES = [1.0]
+KNOWN = {"rate": 0.0, "slope": 1.0}
+
+
+@cache
+def plane():
+    return solved(turned())
+
+
+def command(*arguments):
+    """Run the command; ValueError with what it says where it refuses."""
+    done = CliRunner().invoke(main, [str(one) for one in arguments])
+    if done.exit_code:
+        raise ValueError(done.output)
+
+
+def solve_robot(folder, *options):
+    command("solve", f"{folder / 'robot.py'}:problem", "-o", folder / "t.npz", *options)
+
+
+def run(velocity, *, periodic=False, upper=4.0):
+    """x on a line or a ring, a goal near its end, and one input that stands still beside one that moves."""
+    return sdhj.ReachAvoidProblem(
+        Grid([0.0], [upper], [41], [periodic], ["x"]),
+        Dynamics([[0.0], [1.0]], velocity, [[1.0]], [0.1]),
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0] - upper + 0.5) - 0.3),
+        [],
+        0.25,
+        3,
+    )
+
+
+def certified_run(velocity):
+    """The goal's share is 0.6 / 4, less its boundary: half of it is there."""
+    assert solved(run(velocity), Certified(cells=[400], parts=40)).fraction() > 0.075
+
+
+ADVISED |= {
+    "a velocity without bound": (
+        r"velocity along x under input 0 may be undefined or unbounded between \[0.51\] and \[0.52\], .*np.maximum",
+        lambda to: certified_run(lambda q, u: 0.02 * u[0] / (q - 0.513)),
+        lambda to: certified_run(lambda q, u: 0.02 * u[0] / np.maximum(q - 0.513, 0.01)),
+    ),
+    "a velocity that grows too fast": (
+        r"velocity under input 1 grows too fast between \[2.\d+\] and \[\d.*limit it, for example by np.minimum",
+        lambda to: certified_run(lambda q, u: u[0] * (q / 1.5) ** 9),
+        lambda to: certified_run(lambda q, u: u[0] * np.minimum((q / 1.5) ** 9, 2.0)),
+    ),
+}
+
+
+def ring(speed):
+    """Every place is on the grid: an image that wraps around an integer would seem to be at home."""
+    return run(lambda q, u: speed * u[0] * (2.0 + np.sin(2.0 * np.pi * q)), periodic=True, upper=1.0)
+
+
+LONG = ["images of too many cells", "a loop of a table that forgets", "no compiler", "a solve and no memory"]
+LONG += ["an ending", "a set below its sweep", "a velocity without bound"]
+LONG += ["a velocity that grows too fast"]
+ARRAY, TWO = np.zeros(3), [np.zeros(2), np.zeros(3)]
+REFUSED = [  # a call, what it says
+    (
+        lambda: sdhj.simulate(Controller(table()), [2.0], ["worst"]),
+        r"adversary must be one of .*\['worst'\]",
+    ),
+    (lambda: sdhj.monte_carlo(Controller(table()), 5, {}), r"adversary must be one of"),
+    (lambda: Scheme(flux=ARRAY), "flux must be one of"),
+    (lambda: Scheme(order=ARRAY), "order must be one of"),
+    (lambda: Scheme(cfl=ARRAY), r"cfl must be a number in \(0, 1\]"),
+    (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl must be a number in \(0, 1\]"),
+    (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation must be one of"),
+    (lambda: replace(line(), view_time=ARRAY), "view_time must be one of"),
+    (
+        lambda: replace(line(), steps=10**400),
+        r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\.",
+    ),
+    (
+        lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40),
+        "level set of 'target' cannot be read .* constant of type",
+    ),
+    (lambda: TargetSet((0,), lambda p, t: TWO), "level set of 'target' cannot be read .* different lengths"),
+    (
+        lambda: TargetSet((0,), lambda p, t: None),
+        "level set of 'target' must return an array, got None: is its return missing",
+    ),
+    (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "level set of 'target' must return real .*a comparison"),
+    (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox must be a function, got 'a'"),
+    (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox must be finite and at least 0, got -1.0"),
+    (lambda: BlackBox(max, rate=np.nan), "rate of a BlackBox must be finite"),
+    (lambda: BlackBox(max, enclosure=3), "enclosure of a BlackBox must be a function, got 3"),
+    (lambda: Dynamics(TWO, TWO, [[1.0]], [0.1]), "inputs must be real numbers"),
+    (lambda: Dynamics([[1.0]], [[1.0]], [[1.0]], TWO), "bounds must be real numbers"),
+    (lambda: Dynamics([[1.0]], lambda p: TWO, [[1.0]], [0.1]).read(1), "drift cannot be read .* different lengths"),
+    (lambda: Grid(TWO, [1.0], [5]), r"lower has 2|lower\[0\] must be a number"),
+    (lambda: Grid([ARRAY], [1.0], [5]), r"lower\[0\] must be a number"),
+    (lambda: Grid([0.0], [np.datetime64(3, "D")], [5]), r"upper\[0\] must be a number"),
+    (lambda: Grid([0.0], [1.0], [5], ends=[[["wall"], ["wall"]]]), "ends must be unsafe, wall, safe or a pair"),
+    (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
+    (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
+    (lambda: Certified(parts=0), "parts must be a whole number from 1 to"),
+    (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
+    (lambda: line().target_value([["a"]], 0.0), "points must be real numbers"),
+    (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
+    *(
+        (lambda speed=speed: solved(ring(speed), Certified(cells=[40])), "moves the state by more than 32,767 cells")
+        for speed in (1e10, 1e17, 1e18, 1e19, 1e20, 1e100, 1e300)
+    ),
+]
+GRIDS = [  # what differs from a grid in the plane, what it says
+    ({"lower": ["a", 0]}, "lower[0] must be a number, got 'a'"),
+    ({"lower": [0, "0"]}, "lower[1] must be a number, got '0'"),
+    ({"upper": [1, math.inf]}, "upper[1] must be finite, got inf"),
+    ({"upper": [10**400, 1]}, "upper[0] must be a number below 1e308, got 1000"),
+    ({"upper": [1e308, 1]}, "upper[0] must be at most 1e+300, got 1e+308"),
+    ({"lower": [0, -1e308]}, "lower[1] must be at least -1e+300, got -1e+308"),
+    ({"upper": [1, -1]}, "upper[1] must be greater than 0, got -1"),
+    ({"lower": [0, 1]}, "upper[1] must be greater than 1, got 1"),
+    ({"lower": -1}, "lower must be a sequence with one entry for each axis, for example a list, got -1"),
+    ({"upper": None}, "upper must be a sequence"),
+    ({"upper": np.array(1.0)}, "upper must be a sequence"),
+    ({"shape": 9}, "shape must be a sequence with one entry for each axis, for example a list, got 9"),
+    ({"shape": [9, "9"]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got '9'"),
+    ({"shape": [9, math.nan]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got nan"),
+    ({"shape": [9, 9.5]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got 9.5"),
+    ({"shape": [True, 9]}, "shape[0] must be a whole number from 5 to 1,000,000,000, got True"),
+    ({"shape": [9, 10**300]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got 1000"),
+    ({"periodic": True}, "periodic must be a sequence"),
+    ({"periodic": ["no", True]}, "periodic[0] must be True or False, got 'no'"),
+    ({"periodic": [True, 0]}, "periodic[1] must be True or False, got 0"),
+    ({"names": 5}, "names must be a sequence"),
+]
