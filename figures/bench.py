@@ -34,10 +34,10 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, numbers, plainly
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import writable_picture
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.simulation.runs import admissible_states
 from sdhj.solver.schemes import Scheme, evolve
 from sdhj.table.controller import Controller

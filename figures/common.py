@@ -25,7 +25,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import INK, TARGET_LOOKS, Looks, writable_folder
 from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table

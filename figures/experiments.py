@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import Z95, Trajectory, admissible_states
 from sdhj.table.batches import Table

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FAINT, INK, UNSAFE_LOOKS
 from sdhj.table.batches import Table
 

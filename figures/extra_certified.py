@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 import sdhj
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, State
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import distance_transform_edt
 
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.table.batches import Table
 

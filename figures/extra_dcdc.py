@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 
 import sdhj
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import INK
 from sdhj.table.batches import Table
 

@@ -28,7 +28,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk, Still
 from sdhj.common.findings import ProjectionWarning
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 
 MAIN_JOB = False

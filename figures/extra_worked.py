@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, UNSAFE_LOOKS
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.outcomes import OUTCOMES

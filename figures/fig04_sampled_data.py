@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FAINT, INK, OUTCOME_INK
 
 PARTS = 40  # Runge-Kutta steps in each interval

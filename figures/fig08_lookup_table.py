@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table

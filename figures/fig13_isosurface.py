@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from surfaces import draw_isosurface
 
 from sdhj import plotting
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.table.batches import Table
 

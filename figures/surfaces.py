@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import kernel
 from sdhj.plotting.slices import QUARTER_LABELS, RIGHT_ANGLES, State
 from sdhj.problem.grid import Grid

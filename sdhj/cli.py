@@ -33,9 +33,9 @@ from sdhj.certified.export import FIELDS, export_c
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.common.findings import ResolutionWarning
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
-from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

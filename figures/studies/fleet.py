@@ -14,7 +14,7 @@ import numpy as np
 from large import BOX, CATCH, POST, POST_RADIUS, ArmPursued
 
 import sdhj
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 
 Level = Callable[[FloatArray, float], FloatArray]  # of points (M, axes) and a time, s: (M,), at most 0 inside
 GRAVITY = 9.81  # m/s^2

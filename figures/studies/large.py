@@ -25,7 +25,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.certified.table import CertifiedTable
 from sdhj.cli import SEED, plainly
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import writable_picture
 from sdhj.table.batches import Table
 

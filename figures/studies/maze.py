@@ -23,7 +23,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.cli import plainly
 from sdhj.common.findings import ResolutionWarning
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style, writable_picture
 from sdhj.table.batches import Table
 

@@ -26,7 +26,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.cli import RUNS, SEED, plainly
 from sdhj.common.checks import whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.plotting.looks import writable_picture
 from sdhj.problem.problem import ReachAvoidProblem

@@ -24,7 +24,7 @@ from scipy.special import betaincinv
 
 import sdhj
 from sdhj.cli import SEED, plainly
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import writable_folder
 from sdhj.table.batches import Table
 from sdhj.table.files import replaced_whole

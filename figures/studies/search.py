@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.common.checks import whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES

@@ -15,7 +15,7 @@ import numpy as np
 import sdhj
 from sdhj.arm.workspace import Disk, Still
 from sdhj.cli import plainly
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.table.batches import Table
 
 ADVERSARIES = ("random", "worst")

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from course.exercises import exercise, expect, expect_close
 from course.widgets import Explorer, Numbers, choice, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS
 from sdhj.problem.grid import Grid

@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from course.chapter_01 import disk
 from course.exercises import exercise, expect, expect_close
 from course.widgets import Explorer, Numbers, choice, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import Scheme, evolve
 
 # ---- pictures

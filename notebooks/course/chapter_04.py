@@ -13,7 +13,7 @@ from course.exercises import exercise, expect, expect_close
 from course.paper import boat
 from course.robots import point_robot
 from course.widgets import Explorer, Numbers, choice, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
 from sdhj.plotting.looks import FULL_LOOKS, TARGET_LOOKS
 from sdhj.problem.problem import ReachAvoidProblem

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from course.exercises import exercise, expect, expect_close
 from course.widgets import Explorer, Numbers, choice, slider
 from sdhj import Grid, Scheme
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import evolve
 
 # ---- pictures

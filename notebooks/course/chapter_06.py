@@ -9,7 +9,7 @@ from course.exercises import exercise, expect, expect_close
 from course.slices import HERE, POSTURE, draw_arm_live, draw_sets_quickly, draw_slice_legend, wrapped
 from course.widgets import Explorer, Numbers, agent_sliders, angle, slider
 from sdhj.arm.case_studies import scene
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_workspace, frame_slice, plane
 from sdhj.plotting.looks import INK, UNSAFE_LOOKS
 from sdhj.problem.problem import ReachAvoidProblem

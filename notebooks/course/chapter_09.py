@@ -18,7 +18,7 @@ from course.exercises import exercise, expect, expect_close
 from course.paper import LIGHT, block, isosurface
 from course.slices import LIVE, POSTURE, around, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
 from course.widgets import Explorer, Numbers, agent_sliders, played, slider, step_sliders
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import kernel
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK

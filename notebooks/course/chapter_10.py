@@ -7,7 +7,7 @@ from numba import njit
 
 from course.exercises import exercise, expect, expect_close
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import Scheme, evolve
 
 

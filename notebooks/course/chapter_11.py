@@ -30,7 +30,7 @@ from course.slices import (
 from course.widgets import Explorer, Numbers, agent_sliders, angle, choice, played, slider
 from sdhj.arm.case_studies import scene
 from sdhj.common.findings import ResolutionWarning
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_path, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.plotting.trajectories import WAY

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import sdhj
 from course.exercises import exercise, expect, expect_close
 from course.widgets import Explorer, Numbers, choice, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.simulation.adversaries import Moment
 from sdhj.simulation.runs import rollouts

@@ -13,7 +13,7 @@ from course.chapter_08 import TALL, draw_tube_and_arm
 from course.exercises import exercise, expect, expect_close
 from course.slices import POSTURE
 from course.widgets import Explorer, Numbers, agent_sliders, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.table.batches import Table
 
 # ---- pictures

@@ -15,7 +15,7 @@ import sdhj
 from course.exercises import exercise, expect
 from course.slices import LIVE, around, draw_pixels
 from course.widgets import Explorer, Numbers, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK, TARGET_LOOKS
 from sdhj.table.batches import Table

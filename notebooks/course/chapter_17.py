@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from course.chapter_12 import LOST
 from course.exercises import exercise, expect, expect_close
 from course.widgets import Explorer, Numbers, slider
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FAINT, OUTCOME_INK
 
 # ---- pictures

@@ -9,7 +9,7 @@ import sdhj
 from course.chapter_01 import canvas
 from sdhj.arm.workspace import Disk, Line, Segment, Still
 from sdhj.common.findings import ResolutionWarning
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples

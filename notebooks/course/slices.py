@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from sdhj.arm.case_studies import scene
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
 from sdhj.plotting.looks import OUTCOME_INK, UNSAFE_LOOKS, look
 from sdhj.problem.grid import Grid

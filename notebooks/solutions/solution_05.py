@@ -4,7 +4,7 @@ import numpy as np
 from course.chapter_05 import check_axes, check_claims, check_count, check_evader, check_two
 
 from sdhj import Scheme
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import evolve
 
 

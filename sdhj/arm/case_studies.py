@@ -16,9 +16,9 @@ import numpy as np
 
 from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still
 from sdhj.common.checks import number, whole
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.text import alike
-from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import MOST_INPUTS, Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdhj.common.checks import number, option, pair
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.certified.cells import CellAxis
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 
 HALVINGS = 4  # of an image along each axis: 16 pieces

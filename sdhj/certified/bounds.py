@@ -1,6 +1,6 @@
 """Bounds on a problem's own functions over boxes of states and intervals of time: what every proof rests on.
 
-They are those of its formulas (`sdhj.kernels.intervals`), or what the author of a black box declares. Boxes are cut
+They are those of its formulas (`sdhj.kernels.bounds`), or what the author of a black box declares. Boxes are cut
 where an axis ends and where a periodic one closes, so that functions are bounded only where the state can be, and may
 jump there. Where a function may be undefined its bounds are infinite, so nothing is proved.
 """
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import Ends
-from sdhj.kernels import FloatArray
 from sdhj.kernels.pieces import boxes_of_product, cut_boxes
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.kernels.packed import Cells
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

@@ -32,9 +32,9 @@ from sdhj.certified.dangers import dangers_of
 from sdhj.certified.general_proof import finest, peak_bytes
 from sdhj.certified.images import moves_of, place_axes
 from sdhj.certified.packing import packed_axis
+from sdhj.common.remembering import FloatArray, read_only
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
-from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 

@@ -13,7 +13,7 @@ from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
 from sdhj.common.checks import finite_array, whole
 from sdhj.common.findings import Finding, findings
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.packed import boxes_in_set, cells_at
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.methods import HJI

@@ -31,7 +31,7 @@ from sdhj.certified.arriving import arrived_in_c
 from sdhj.certified.table import CertifiedTable
 from sdhj.certified.words import CLEAR, Rule, words_of
 from sdhj.common.checks import option, whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.problem import ReachAvoidProblem

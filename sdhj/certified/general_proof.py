@@ -34,7 +34,7 @@ from sdhj.certified.word_tubes import (
 )
 from sdhj.common.checks import whole
 from sdhj.common.memory import require_memory
-from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.common.remembering import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import STATE_SLACK, to_words

@@ -33,9 +33,8 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, prediction_error_along, sees_walls
+from sdhj.common.remembering import FloatArray, ReadOnly, kept, read_only
 from sdhj.formulas.formula import Ends
-from sdhj.formulas.remembering import ReadOnly
-from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
 from sdhj.kernels.pieces import clip_to_walls, guess_enclosure, move_on, narrow_to_face, sweep

@@ -14,7 +14,7 @@ import numpy as np
 
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
-from sdhj.kernels import FloatArray, read_only
+from sdhj.common.remembering import FloatArray, read_only
 from sdhj.kernels.packed import FULL, Cells, swap_packed, to_words
 from sdhj.kernels.stencils import Clear, Moves, grow
 from sdhj.kernels.windows import ClearWords, add_predecessors

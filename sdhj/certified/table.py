@@ -22,8 +22,8 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.common.checks import number, real_array, states_array, whole
 from sdhj.common.findings import Finding, UnsettledWarning, tell
+from sdhj.common.remembering import FloatArray, Sealed, kept, read_only
 from sdhj.formulas.formula import BlackBox
-from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, boxes_in_set, fewest_steps, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.describing import arrays_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.packed import to_words
 from sdhj.kernels.windows import united_along, united_in_words, with_beyond
 from sdhj.problem.problem import ReachAvoidProblem

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.words import FREE, INPUTS, NOTHING, look_up, store_words
 from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, Batch
 from sdhj.table.rules import RULES, Candidates

@@ -15,14 +15,9 @@ GROUPS = {
 
 def available() -> tuple[int, str] | None:
     """The fewest bytes that machine, process and control groups leave, and words on which; None where none says."""
-    return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
-
-
-def _of_machine() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, "are available") for the machine's memory; nothing where there is no /proc/meminfo."""
-    for line in _lines(Path("/proc/meminfo")):
-        if line.startswith("MemAvailable"):
-            yield 1024 * int(line.split()[1]), "are available"
+    lines = [line.split() for line in _lines(Path("/proc/meminfo")) if line.startswith("MemAvailable")]
+    machine = [(1024 * int(line[1]), "are available") for line in lines]
+    return min([*machine, *of_process(), *of_control_groups()], default=None)
 
 
 def of_process() -> Iterator[tuple[int, str]]:

@@ -16,16 +16,15 @@ from typing import Any
 import numpy as np
 from numba import config
 
+from sdhj.common.remembering import FloatArray, Remembering, kept, read_only
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
-from sdhj.formulas.graph import Lookup, Node, constant, is_constant, leaf, leaves, make, ordered, rebuilt
+from sdhj.formulas.graph import Lookup, Node, constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
-from sdhj.formulas.remembering import Remembering
-from sdhj.formulas.rules import FACTS, RULES
+from sdhj.formulas.rules import FACTS, RULES, is_constant
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels import tape as tapes
-from sdhj.kernels.intervals import TINY
+from sdhj.kernels.bounds import TINY
 from sdhj.kernels.tape import Packable, Tape, packed
 
 WIDE = 1e-6  # of an interval at one point, beside 1 and its value: there is a jump
@@ -51,9 +50,8 @@ class Formula(Remembering):
     parameters: int = 1  # how many numbers follow the points; the first is the time, or the begin of an interval
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # what the function is, for messages
-    _source: list[Callable[..., Any]] = field(
-        default_factory=list, repr=False, compare=False
-    )  # [the function], or [] once forgotten
+    # [the user's function that it was read from]; [] once that has been compared, as it may hold large arrays
+    _source: list[Callable[..., Any]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
@@ -84,13 +82,13 @@ class Formula(Remembering):
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
-    @property
-    def source(self) -> Callable[..., Any] | None:
-        """The user's function that it was read from, until that has been compared."""
-        return self._source[0] if self._source else None
+    def compare_with_source(self, points: FloatArray, each: Sequence[Sequence[float]]) -> None:
+        """`compare` it, for each of some parameters, with the function that it was read from, and forget that one.
 
-    def forget_source(self) -> None:
-        """Forget the function that it was read from, which may hold large arrays."""
+        Where it differs that stays, and so the next problem with this formula is refused, too.
+        """
+        for function, parameters in product(self._source, each):
+            compare(self, function, points, *parameters)
         self._source.clear()
 
     @kept
@@ -229,12 +227,12 @@ class Formula(Remembering):
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The function of points that have the coordinates `axes` alone, which must be all that it reads."""
 
-        def restricted() -> Formula:
+        known: dict[tuple[int, ...], Formula] = self.remembered("restricted", dict)
+        if (key := tuple(axes)) not in known:
             put = {leaf("x", axis): leaf("x", k) for k, axis in enumerate(axes)}
             outputs = tuple(rebuilt(self.outputs, put.get))
-            return Formula(outputs, len(axes), self.parameters, self.shape, self.name)
-
-        return self.remembered(tuple(axes), restricted)
+            known[key] = Formula(outputs, len(axes), self.parameters, self.shape, self.name)
+        return known[key]
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:

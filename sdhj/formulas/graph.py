@@ -14,8 +14,8 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from sdhj.formulas.rules import RULES
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
+from sdhj.formulas.rules import RULES, is_constant
 
 MOST_EXPONENT = 64  # of `power`, a whole number
 MOST_AXES = 6  # of a table
@@ -141,11 +141,6 @@ def constant(value: float) -> Node:
 
 def node(value: Any) -> Node:
     return value if isinstance(value, Node) else constant(value)
-
-
-def is_constant(one: Node, value: float | None = None) -> bool:
-    """Whether a node is a constant and, if a value is given, is that one."""
-    return one.op == "const" and (value is None or one.value == value)
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:

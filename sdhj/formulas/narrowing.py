@@ -8,8 +8,8 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sdhj.formulas.graph import Node, constant, is_constant, make, ordered
-from sdhj.formulas.rules import RULES
+from sdhj.formulas.graph import Node, constant, make, ordered
+from sdhj.formulas.rules import RULES, is_constant
 
 MOST_NARROWED = 100  # operations of a branch: what both branches share is copied, and a loop may double it each time
 ZERO = constant(0.0)

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.kernels import FloatArray, tape
+from sdhj.common.remembering import FloatArray
+from sdhj.kernels import tape
+from sdhj.kernels.bounds import PI_UP, STEP, TINY
 from sdhj.kernels.elementary import INF
-from sdhj.kernels.intervals import PI_UP, STEP, TINY
 
 Make = Callable[..., Any]  # `graph.make`: make(name of an operation, *operands, value=...) -> the node, simplified
 
@@ -60,34 +61,35 @@ class Rule:
 # ---- how nodes are simplified (None: not at all): without a change of a value, or of where it is undefined
 
 
-def _is(one: Any, value: float) -> bool:
-    return bool(one.op == "const" and one.value == value)
+def is_constant(one: Any, value: float | None = None) -> bool:
+    """Whether a node is a constant and, if a value is given, is that one."""
+    return bool(one.op == "const" and (value is None or one.value == value))
 
 
 def _add(make: Make, a: Any, b: Any) -> Any:
     """a + b: 0 + b = b, a + (-b) = a - b."""
-    if _is(a, 0.0) or _is(b, 0.0):
-        return b if _is(a, 0.0) else a
+    if is_constant(a, 0.0) or is_constant(b, 0.0):
+        return b if is_constant(a, 0.0) else a
     return make("sub", a, b.args[0]) if b.op == "neg" else None
 
 
 def _sub(make: Make, a: Any, b: Any) -> Any:
     """a - b: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b."""
-    if _is(b, 0.0):
+    if is_constant(b, 0.0):
         return a
     if a is b and a.total:
         return make(value=0.0)
-    return make("neg", b) if _is(a, 0.0) else None
+    return make("neg", b) if is_constant(a, 0.0) else None
 
 
 def _mul(make: Make, a: Any, b: Any) -> Any:
     """a b: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2."""
     for one, other in ((a, b), (b, a)):
-        if _is(one, 0.0) and other.total:
+        if is_constant(one, 0.0) and other.total:
             return make(value=0.0)
-        if _is(one, 1.0):
+        if is_constant(one, 1.0):
             return other
-        if _is(one, -1.0):
+        if is_constant(one, -1.0):
             return make("neg", other)
     return make("sqr", a) if a is b else None
 
@@ -103,11 +105,11 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
     """The `Rule.simpler` of "min", "max", "and" and "or": op(a, a) = a = op(a, neutral)."""
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
-        if a is b or _is(b, neutral):
+        if a is b or is_constant(b, neutral):
             return a
         if a.op == op and b.op == "const" and a.args[1].op == "const":
             return make(op, a.args[0], make(op, a.args[1], b))
-        return b if _is(a, neutral) else None
+        return b if is_constant(a, neutral) else None
 
     return simpler
 
@@ -183,7 +185,7 @@ RULES = {rule.name: rule for rule in (
          derivative=_product),
     Rule("div", tape.DIV, 2, "divide, reciprocal, mean", "The quotient; undefined where the divisor is 0.",
          total=False, direct=True, sign=" / ", binds=4, folded=operator.truediv,
-         simpler=lambda make, a, b: a if _is(b, 1.0) else None, derivative=_quotient),
+         simpler=lambda make, a, b: a if is_constant(b, 1.0) else None, derivative=_quotient),
     Rule("neg", tape.NEG, 1, "negative", "The negative.",
          ufuncs="negative", whole=True, error=None, falls=True, shrinks=True, binds=4,
          folded=operator.neg, simpler=lambda make, a: a.args[0] if a.op == "neg" else None,

@@ -99,28 +99,13 @@ def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any
     return repeat
 
 
-class _Joining:
-    """Stands for np.c_ or np.r_: traced arrays are joined as columns, or along the first axis."""
-
-    def __init__(self, original: Any) -> None:
-        self.original, self.columns = original, original is np.c_
-
-    def __getitem__(self, at: Any) -> Any:
-        return self._join(at) if holds_traced([at]) else self.original[at]
-
-    @raising_not_traced
-    def _join(self, at: Any) -> Any:
-        """The arrays `at` joined: by np.c_ along the last axis, by np.r_ along the first."""
-        parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
-        if self.columns:
-            parts = [one if one.ndim > 1 else one[:, None] for one in parts]
-        return np.concatenate(parts, axis=-self.columns)
-
-
 class _Replaced:
-    """Stands for the module numpy, or for something in it: some attributes are replaced."""
+    """Stands for the module numpy, or for something in it: some attributes are replaced, all others the original's.
 
-    def __init__(self, original: Any, new: dict[str, Any]) -> None:
+    As np.c_ or np.r_, in np.c_[a, b], it joins traced arrays as columns, or along the first axis.
+    """
+
+    def __init__(self, original: Any, **new: Any) -> None:
         vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
@@ -128,6 +113,19 @@ class _Replaced:
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         return vars(self)["_original"](*args, **options)
+
+    def __getitem__(self, at: Any) -> Any:
+        original = vars(self)["_original"]
+        return _join(at, original is np.c_) if holds_traced([at]) else original[at]
+
+
+@raising_not_traced
+def _join(at: Any, columns: bool) -> Any:
+    """The arrays `at`, one or a tuple, joined: as np.c_ does along the last axis, or as np.r_ along the first."""
+    parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
+    if columns:
+        parts = [one if one.ndim > 1 else one[:, None] for one in parts]
+    return np.concatenate(parts, axis=-columns)
 
 
 def _numpy(rows: int) -> _Replaced:
@@ -137,44 +135,41 @@ def _numpy(rows: int) -> _Replaced:
     new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
     new |= {name: _allocating(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _repeating(getattr(np, name), rows, state.trace) for name in ("tile", "repeat", "broadcast_to")}
-    new |= {name: _Joining(getattr(np, name)) for name in ("c_", "r_")}
+    new |= {name: _Replaced(getattr(np, name)) for name in ("c_", "r_")}
     new |= {name: _making_arrays(getattr(np, name), ours) for name, ours in makers.items()}
-    new |= {one.__name__: _Replaced(one, {"reduce": _taking_lists(one.reduce)}) for one in REDUCED}
-    return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _taking_lists(np.linalg.norm)})})
-
-
-def _globals_of(function: Any) -> list[dict[str, Any]]:
-    """The globals in which a user's function, or those that it may call, look up the name `np`."""
-    while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
-        function = inner
-    function = getattr(function, "__func__", function)
-    called = function if hasattr(function, "__globals__") else type(function).__call__
-    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users_modules()]
+    new |= {one.__name__: _Replaced(one, reduce=_taking_lists(one.reduce)) for one in REDUCED}
+    return _Replaced(np, linalg=_Replaced(np.linalg, norm=_taking_lists(np.linalg.norm)), **new)
 
 
 _looked: list[Any] = [[], []]  # through which modules; and what was in those of the user
 
 
 def _users_modules() -> list[dict[str, Any]]:
-    """The globals of the user's modules, kept until a module has come or gone: the search takes longer than a trace."""
+    """The globals of the user's modules: Python files neither installed nor of this package but for `sdhj.arm`.
+
+    They are kept until a module has come or gone: the search takes longer than a trace.
+    """
     if _looked[0] != (modules := list(sys.modules.values())):
-        _looked[:] = modules, [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
+        found = []
+        for name, module in list(sys.modules.items()):
+            # of a compiled module, which is left out, np.empty has to return an array: it does not ask
+            file = getattr(module, "__dict__", {}).get("__file__") or ""
+            users = name.startswith("sdhj.arm.") if name.startswith("sdhj.") else not arrays.installed(file)
+            if file.endswith(".py") and users:
+                found.append(vars(module))
+        _looked[:] = modules, found
     return _looked[1]
 
 
-def _is_users(name: str, module: Any) -> bool:
-    """Whether a module is the user's: neither installed nor of this package but for `sdhj.arm`."""
-    # of a compiled module, which is left out, np.empty has to return an array: it does not ask
-    file = getattr(module, "__dict__", {}).get("__file__") or ""
-    ours = name.startswith("sdhj.")
-    return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
-
-
 def _names_of_numpy(function: Any) -> list[tuple[dict[str, Any], str]]:
-    """(globals, name) for each global name by which a user's function may find numpy or a stand-in."""
+    """(globals, name) for each global name by which a user's function, or what it calls, may find numpy."""
+    while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
+        function = inner
+    function = getattr(function, "__func__", function)
+    called = function if hasattr(function, "__globals__") else type(function).__call__
     return [
         (names, name)
-        for names in _globals_of(function)
+        for names in (getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users_modules())
         for name, value in list(names.items())
         # one trace within another replaces the stand-in, too
         if value is np or (type(value) is _Replaced and value.__dict__["_original"] is np)

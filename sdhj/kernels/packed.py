@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 
 STATE_SLACK = 1e-10  # of the largest coordinate of an axis (of the arm: m, rad): see sdhj.certified.sets

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import FEW, UNCOUNTED, chosen, inlined, kernel
 
 STENCIL_RADIUS = 3  # nodes to each side that the kernels can read

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.packed import BIT, bits_between, has_bits, shifted_word
 

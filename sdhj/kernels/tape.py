@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import get_num_threads
 
-from sdhj.kernels import FloatArray, elementary, intervals, read_only
+from sdhj.common.remembering import FloatArray, read_only
+from sdhj.kernels import bounds, elementary
+from sdhj.kernels.bounds import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.elementary import INF, NAN
-from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
 
 # Operations by number, those together that one kernel plays; `sdhj.formulas.rules` has a record of each.
 X, P, CONST, GRIDDED = range(4)
@@ -403,7 +404,7 @@ def _values_at_extremes(op, fact, scratch, i, j, k, n, count):
     if twice:
         out, other = scratch[2 * k : 2 * k + 2], scratch[2 * work : 2 * work + 2]
         for m in range(count):
-            out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], other[0, m], other[1, m])
+            out[0, m], out[1, m] = bounds.hull(out[0, m], out[1, m], other[0, m], other[1, m])
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -416,21 +417,21 @@ def _outward(op, fact, scratch, i, j, k, n, count):
     if op == SIN or op == COS:
         for m in range(count):
             shift = 0.25 if op == SIN else 0.0
-            out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
+            out[0, m], out[1, m] = bounds.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
     share, tiny = fact[ERROR] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[ERROR] > 0.0 else 0.0
     zero, lowest, highest = fact[NEAR_ZERO], fact[LOWEST] if op != POWER or n % 2 != 0 else 0.0, fact[HIGHEST]
     for m in range(count):
-        low, high = intervals.widened(out[0, m], out[1, m], share, tiny, zero)
+        low, high = bounds.widened(out[0, m], out[1, m], share, tiny, zero)
         out[0, m], out[1, m] = larger(lowest, low), lesser(highest, high)
     if op == TAN:
         for m in range(count):
-            out[0, m] = intervals.tan(a[0, m], a[1, m], out[0, m])
+            out[0, m] = bounds.tan(a[0, m], a[1, m], out[0, m])
     elif op == POWER:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.power(a[0, m], a[1, m], out[0, m], out[1, m], n)
+            out[0, m], out[1, m] = bounds.power(a[0, m], a[1, m], out[0, m], out[1, m], n)
     elif op == MOD:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
+            out[0, m], out[1, m] = bounds.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
     elif op == POW:
         for m in range(count):
             out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
@@ -450,19 +451,19 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
     c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]
     if op == ADD:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.summed(a[0, m], b[0, m], a[1, m], b[1, m])
+            out[0, m], out[1, m] = bounds.summed(a[0, m], b[0, m], a[1, m], b[1, m])
     elif op == SUB:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.summed(a[0, m], -b[1, m], a[1, m], -b[0, m])
+            out[0, m], out[1, m] = bounds.summed(a[0, m], -b[1, m], a[1, m], -b[0, m])
     elif op == MUL:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])
+            out[0, m], out[1, m] = bounds.mul(a[0, m], a[1, m], b[0, m], b[1, m])
     elif op == DIV:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
+            out[0, m], out[1, m] = bounds.div(a[0, m], a[1, m], b[0, m], b[1, m])
     elif op == SHARE:
         for m in range(count):
-            low, high = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
+            low, high = bounds.div(a[0, m], a[1, m], b[0, m], b[1, m])
             low, high = lesser(1.0, larger(-1.0, low)), lesser(1.0, larger(-1.0, high))
             zero = (b[0, m] <= 0.0) & (b[1, m] >= 0.0)
             out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high
@@ -554,7 +555,7 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
             row, most = 2 * place[lookup[1 + axis]], lookup[7 + axis] - 1
             lower, spacing = places[axis], places[6 + axis]
             low, high = (scratch[row, m] - lower) / spacing, (scratch[row + 1, m] - lower) / spacing
-            low, high = intervals.widened(low, high, 3.0 * STEP, TINY, TINY)
+            low, high = bounds.widened(low, high, 3.0 * STEP, TINY, TINY)
             fine &= (low == low) & (high == high)
             ends[0, axis], ends[1, axis] = min(max(low, 0.0), most), min(max(high, 0.0), most)
             first[axis] = min(int(ends[0, axis]), most - 1) if fine else 0

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.boxes import Leaves, over_interval
 from sdhj.kernels.compiling import FEW, UNCOUNTED, inlined, kernel
 from sdhj.kernels.stages import BLOCKS

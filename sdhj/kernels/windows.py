@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import kernel
 from sdhj.kernels.packed import BIT, bits_between, has_bit, set_bits, shifted_word
 from sdhj.kernels.stencils import CHUNKS, cell_of

@@ -16,7 +16,7 @@ import matplotlib.style
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.table.files import Named, replaced_whole, require_writable, unwritable_error, writable_file
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches

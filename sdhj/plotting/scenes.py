@@ -8,7 +8,7 @@ from matplotlib.patches import Circle, Polygon
 
 from sdhj.arm.case_studies import ArmScene
 from sdhj.arm.workspace import Disk
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks, State, look
 
 FRAME_MARGIN = 0.02

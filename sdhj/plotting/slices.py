@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from sdhj.common.checks import whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK, Looks, State, look, step_colours
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import number, whole
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import BlackBox
-from sdhj.kernels import FloatArray
 from sdhj.problem.arguments import arguments
 
 MOST_SIDES = 32

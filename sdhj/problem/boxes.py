@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.boxes import Leaves, maximum_of_intervals
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.union import EIGHT

@@ -13,8 +13,8 @@ import numpy as np
 
 from sdhj.common.checks import whole
 from sdhj.common.memory import available
-from sdhj.formulas.formula import Formula, compare
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
+from sdhj.formulas.formula import Formula
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS
 from sdhj.problem.nodes import checked_values
@@ -49,10 +49,8 @@ def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
-        if isinstance(formula, Formula) and (function := formula.source):
-            for when in each:
-                compare(formula, function, states, *when)
-            formula.forget_source()  # the next problem that has the set does not compare it again
+        if isinstance(formula, Formula):  # the next problem that has the set does not compare it again
+            formula.compare_with_source(states, each)
 
 
 def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.text import FORMAT
-from sdhj.kernels import FloatArray
-from sdhj.problem.dynamics import CUTS
+from sdhj.problem.vector_field import CUTS
 
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 VALUES_KEPT = 1000  # values of a black box that a file keeps

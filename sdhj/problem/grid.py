@@ -15,9 +15,8 @@ import numpy as np
 
 from sdhj.common.checks import number, points_array, sequence, whole
 from sdhj.common.memory import require_memory
+from sdhj.common.remembering import FloatArray, Remembering, kept, read_only
 from sdhj.formulas.arrays import Traced
-from sdhj.formulas.remembering import Remembering
-from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.ends import ENDS, Fate
 
@@ -157,7 +156,7 @@ class Grid(Remembering):
         if self.size > SMALL:
             what = f"a list of the nodes of {' x '.join(map(str, self.shape))}"
             require_memory(8 * (2 * self.ndim + 5) * self.size, what)
-        return self._points([slice(None)] * self.ndim)
+        return np.concatenate([*self.pieces()])
 
     def wider(self, by: Sequence[Sequence[int]], ends: Sequence[Any] | str = "wall") -> "Grid":
         """The grid with by[axis] = (before, behind) more nodes on each bounded axis, at the same spacing to the bit."""
@@ -183,15 +182,11 @@ class Grid(Remembering):
                 at.insert(0, own)
             *rows, place = at
             cut = [slice(row, row + 1) for row in rows] + [slice(place * some, (place + 1) * some)]
-            yield self._points([*cut, *[slice(None)] * (self.ndim - len(cut))])
-
-    def _points(self, some: Sequence[slice]) -> FloatArray:
-        """Coordinates of the nodes in one slice of each axis, (M, ndim)."""
-        lines = [self.nodes(axis)[part] for axis, part in enumerate(some)]
-        points = np.empty((*map(len, lines), self.ndim))
-        for axis, line in enumerate(lines):
-            points[..., axis] = line.reshape([-1 if axis == k else 1 for k in range(self.ndim)])
-        return points.reshape(-1, self.ndim)
+            lines = [self.nodes(axis)[cut[axis] if axis < len(cut) else slice(None)] for axis in range(self.ndim)]
+            points = np.empty((*map(len, lines), self.ndim))
+            for axis, line in enumerate(lines):
+                points[..., axis] = line.reshape([-1 if axis == k else 1 for k in range(self.ndim)])
+            yield points.reshape(-1, self.ndim)
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
@@ -202,14 +197,13 @@ class Grid(Remembering):
         >>> sdhj.Grid([0.0, -1.0], [1.0, 1.0], [6, 5]).subgrid([1]).shape
         (5,)
         """
-        return self.remembered(("subgrid", *axes), lambda: self._subgrid(axes))
-
-    def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        """A new grid of these axes, with the nodes added to them."""
-        each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
-        past = [self.spacing[axis] for axis in axes], [self.added[axis] for axis in axes]
-        lower, upper, shape, periodic, names, ends = ([one[axis] for axis in axes] for one in each)
-        return Grid(lower, upper, shape, periodic, names, ends, past)
+        known: dict[tuple[int, ...], Grid] = self.remembered("subgrids", dict)
+        if (key := tuple(axes)) not in known:
+            each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
+            past = [self.spacing[axis] for axis in axes], [self.added[axis] for axis in axes]
+            lower, upper, shape, periodic, names, ends = ([one[axis] for axis in axes] for one in each)
+            known[key] = Grid(lower, upper, shape, periodic, names, ends, past)
+        return known[key]
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:

@@ -7,7 +7,7 @@ are indices, and times are in s.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from itertools import combinations, product
 from typing import Any
@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.memory import require_memory
+from sdhj.common.remembering import FloatArray, ReadOnly, kept
 from sdhj.formulas.formula import Formula
-from sdhj.formulas.remembering import ReadOnly
-from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.tubes import PATH
-from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
+from sdhj.problem.vector_field import VectorField
+from sdhj.problem.velocities import Velocities
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
@@ -28,65 +28,6 @@ INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 ROUNDING = 1e-12  # of pushes, relative to the greatest
 FAN, MOST_NORMALS = 4, 64  # normals of planes in the plane of two axes: so many for each piece of v, and at most
 MOST_PIECES = 4096  # of the box of v, of which hulls are made: with more, what they lead to is a box
-MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
-
-
-@dataclass(frozen=True)
-class Velocities(ReadOnly):
-    """The velocity set under one input at every node, as the kernels take it: low_i <= v_i <= high_i on axis i.
-
-    Where it is no box, `drift` and `gain` have it as modes, and low and high are their hull: H(p) = max over modes of p
-    . drift + sum_d |p . gain_d|. Arrays are made read-only in place.
-    """
-
-    # per second: (ndim,) where they do not depend on the state, (ndim, *shape), or lists of ndim arrays that broadcast
-    low: Any
-    high: Any
-    # (modes, ndim, *shape), without `shape` where they depend on no state; None where the set is a box
-    drift: FloatArray | None = None
-    gain: FloatArray | None = None  # (modes, ndim, D, *shape), times the bounds of v
-    shape: tuple[int, ...] = ()  # of the grid, where low and high are lists
-    # what `sdhj.solver.schemes` makes of them for the kernels, filled there in place; None: it is not kept
-    terms: dict[Any, Any] | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        read_only((self.low, self.high, self.drift, self.gain))
-
-    def with_terms(self) -> "Velocities":
-        """The same velocities with a dictionary `terms` that schemes fill."""
-        return self if self.terms is not None else replace(self, terms={})
-
-    @property
-    def coupled(self) -> bool:
-        """Whether it has modes: the adversary couples axes, or coordinates left out move several."""
-        return self.drift is not None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of low, high, drift and gain; `terms` are not counted."""
-        parts = [part for part in (self.low, self.high, self.drift, self.gain) if part is not None]
-        return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
-
-    def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """How many equal time steps dt the CFL condition asks for: dt max over nodes of sum_i |v_i| / dx_i <= cfl."""
-        speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
-        # no BLAS, whose threads would compete with the kernels'
-        rate = np.max(sum(along / spacing for along, spacing in zip(speed, grid.spacing, strict=True)))
-        count = duration * float(rate) / cfl * (1 - 1e-9)  # a whole number stays one after rounding
-        if count > MOST_STEPS:
-            what = f"time steps for each PDE, at cfl {cfl:g}"
-            raise too_fast_error(grid, np.array([along.max() for along in speed]), duration, count, what)
-        return int(np.ceil(count))
-
-
-def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
-    """The ValueError for an interval that needs more than `MOST_STEPS` at speeds (ndim,)."""
-    axis = int(np.argmax(speed / np.array(grid.spacing)))
-    return ValueError(
-        f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
-        f"supported: along axis {axis} ({grid.names[axis]}) the velocity is up to {speed[axis]:g} and nodes are "
-        f"{grid.spacing[axis]:g} apart; use a shorter delta, lower velocities or fewer nodes, or check their units"
-    )
 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -448,24 +389,20 @@ class Interval(ReadOnly):
         values = np.concatenate([some(points, t) for points in grid.pieces()]).reshape(grid.shape)
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
-    def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Least and greatest velocities under input j over v: lists of arrays that broadcast."""
-        dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
-        if dynamics.formulas and dynamics.gain is not None:
-            found = [
-                self._values_at_nodes(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)
-            ]
-            return found[:ndim], found[ndim:]
-        pieces = [dynamics.extremes(points, j, t) for points in self.grid.pieces()]
-        least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
-        return list(least), list(greatest)
-
     @kept
     def speeds(self) -> FloatArray:
         """The greatest |velocity| along each axis over nodes, inputs and v, at some instants only: (ndim,)."""
-        instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.depends_on_time else INSTANTS[:1])
-        ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
-        return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
+        dynamics, ndim, most = self.dynamics, self.grid.ndim, np.zeros(self.grid.ndim)
+        instants = self.begin + self.delta * (INSTANTS[::4] if dynamics.depends_on_time else INSTANTS[:1])
+        for j, t in product(range(len(dynamics.inputs)), instants.tolist()):
+            if dynamics.formulas and dynamics.gain is not None:
+                rows = [dynamics.component("extremes", j, row) for row in range(2 * ndim)]
+                ends = [np.abs(self._values_at_nodes(one, range(ndim), t)).max() for one in rows]
+                most = np.maximum(most, np.reshape(ends, (2, ndim)).max(axis=0))
+            else:
+                for points in self.grid.pieces():
+                    most = np.maximum(most, np.abs(dynamics.extremes(points, j, t)).max(axis=(0, 1)))
+        return most
 
     def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
         """The smallest set of axes with `axes` in it whose velocities depend on no other coordinate."""

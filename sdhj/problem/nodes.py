@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.sets import LARGEST
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import Formula, restored
 from sdhj.formulas.text import CLOSE, FORMAT, alike
-from sdhj.kernels import FloatArray
 from sdhj.problem.describing import LAYOUT, blackbox_values
-from sdhj.problem.dynamics import CUTS, VectorField
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.problem.vector_field import CUTS, VectorField
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:

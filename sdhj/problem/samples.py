@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.kernels import FloatArray, read_only
-from sdhj.problem.dynamics import VectorField
+from sdhj.common.remembering import FloatArray, read_only
 from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.nodes import checked_values, closed, least_in_cells, least_of_cells, sampled_on
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
+from sdhj.problem.vector_field import VectorField
 
 PADDING = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 

@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdhj.common.checks import axis_numbers, number, option, pair, whole
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import Formula
-from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.shapes.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
 from sdhj.problem.shapes.maps import map_distance
@@ -31,8 +31,19 @@ SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1
 LARGEST = 1e36
 
 
+class LevelSet:
+    """What targets and unsafe sets have in common."""
+
+    level_set: Any
+
+    @property
+    def moving(self) -> bool:
+        """Whether the level-set function depends on the time; a black box does unless its `BlackBox.rate` is 0."""
+        return bool(self.level_set.depends_on_time)
+
+
 @dataclass(frozen=True)
-class UnsafeSet:
+class UnsafeSet(LevelSet):
     """A set that the robot must not touch, given by a level-set function: a part of G (Eq. 3).
 
     Parameters
@@ -307,11 +318,6 @@ class UnsafeSet:
         robot = footprint_of(footprint, own)
         return cls(own, body_level_set(robot, parts, body), name=name)
 
-    @property
-    def moving(self) -> bool:
-        """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
-        return bool(self.level_set.depends_on_time)
-
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
         """Whether the set is unsafe under each of these inputs, or under all for None."""
         if self.inputs is None or inputs is None:
@@ -355,7 +361,7 @@ class Solved(Protocol):
 
 
 @dataclass(frozen=True)
-class TargetSet:
+class TargetSet(LevelSet):
     """The target L (Eq. 3), of some axes of the grid: `level_set(points (M, len(axes)), t)` is <= 0 in it at time t.
 
     Parameters
@@ -388,11 +394,6 @@ class TargetSet:
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
-
-    @property
-    def moving(self) -> bool:
-        """As `UnsafeSet.moving`."""
-        return bool(self.level_set.depends_on_time)
 
     @classmethod
     def from_table(cls, table: Solved, within: int | None = None) -> "TargetSet":

@@ -5,12 +5,12 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.derivative import derivative
 from sdhj.formulas.formula import BlackBox, Ends, Formula
 from sdhj.formulas.graph import Node, constant, leaf, make, rebuilt
-from sdhj.kernels import FloatArray
-from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
+from sdhj.problem.vector_field import VectorField
 
 BEGINNING_BOXES = 4096  # boxes that a search for the greatest value begins with
 HALVED = 1024  # of them at a time, those with the greatest bounds

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.problem import ReachAvoidProblem
 

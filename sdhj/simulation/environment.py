@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import finite_array
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.simulation.adversaries import Adversary
 from sdhj.simulation.outcomes import OUTCOMES, UNDECIDED
 from sdhj.simulation.runs import admissible_states, adversary_of

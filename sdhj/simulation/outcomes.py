@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import read_only_view, real_array
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.simulation.adversaries import SUBSTEPS, Adversary, Moment

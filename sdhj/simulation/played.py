@@ -9,7 +9,7 @@ import numpy as np
 
 from sdhj.common.checks import whole
 from sdhj.common.findings import Finding, tell
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, name_of, play_length, score_interval

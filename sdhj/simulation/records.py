@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import finite_array, number, whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing

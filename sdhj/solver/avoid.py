@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import constant, leaf, make
-from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
@@ -27,12 +27,8 @@ class Danger(NamedTuple):
     moves: bool  # whether the avoid tubes differ from step to step
     samples: Samples  # on whose grid the game is played; of ends that grid has `axes` alone, and goes past both
     unsafe_set: UnsafeSet  # of these samples; of ends all that lies past them
+    game_axes: tuple[int, ...]  # of its samples' grid on which the game is played, ascending
     inside: tuple[slice, ...]  # for each of `axes` which nodes of the game's grid are nodes of the problem's
-
-    @property
-    def game_axes(self) -> tuple[int, ...]:
-        """The axes of its samples' grid on which the game is played."""
-        return self.samples.avoid_axes(self.unsafe_set.axes)
 
 
 def dangers(samples: Samples) -> list[Danger]:
@@ -40,7 +36,8 @@ def dangers(samples: Samples) -> list[Danger]:
     found = []
     for unsafe_set in samples.unsafe:
         axes = samples.avoid_axes(unsafe_set.axes)
-        found.append(Danger(axes, samples.problem.moves(unsafe_set), samples, unsafe_set, (slice(None),) * len(axes)))
+        moves = samples.problem.moves(unsafe_set)
+        found.append(Danger(axes, moves, samples, unsafe_set, axes, (slice(None),) * len(axes)))
     unsafe = np.isfinite(samples.grid.faces("fails")).any(axis=0)
     return found + [_ends_as_danger(samples, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
@@ -79,4 +76,4 @@ def _ends_as_danger(samples: Samples, axis: int) -> Danger:
     there = dynamics.clipped(np.array(whole.lower), np.array(whole.upper)).on_axes(axes, np.array(whole.lower))
     wide = Samples(samples.problem, grid.wider(by, ends), there, [past])
     inside = tuple(slice(extra, extra + n) for (extra, _), n in zip(by, grid.shape, strict=True))
-    return Danger(axes, timed, wide, past, inside)
+    return Danger(axes, timed, wide, past, wide.avoid_axes(past.axes), inside)

@@ -38,7 +38,7 @@ except ImportError:  # as on Windows
     fcntl = None  # type: ignore[assignment]
 
 from sdhj.common.memory import require_memory
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.describing import arrays_of
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.findings import check_resolution

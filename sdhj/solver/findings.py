@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.common.findings import Finding, ProjectionWarning, tell
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import Formula
-from sdhj.kernels import FloatArray
 from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.nodes import neighbour, steepest
 from sdhj.problem.problem import ReachAvoidProblem
@@ -64,7 +64,7 @@ def check_resolution(samples: Samples, most: float = math.inf) -> None:
     check_seams(problem)
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling != "cell" and problem.grid.subgrid(unsafe_set.axes).size <= most:
-            each = (_hidden(samples, unsafe_set, t) for t in _few_times(problem, unsafe_set))
+            each = (_hidden(samples, unsafe_set, t) for t in _times(problem, unsafe_set.moving, TIMES))
             tell(next(filter(None, each), None))
 
 
@@ -78,14 +78,9 @@ def check_sets(problem: ReachAvoidProblem) -> None:
     for unsafe_set in problem.unsafe:
         nowhere = _nowhere_finding(samples, unsafe_set)
         sought = nowhere or problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
-        times = _few_times(problem, unsafe_set) if sought else []
+        times = _times(problem, unsafe_set.moving, TIMES) if sought else []
         hidden = (_hidden(samples, unsafe_set, t, ASKED) for t in times)
         tell(next(filter(None, hidden), nowhere))
-
-
-def _few_times(problem: ReachAvoidProblem, unsafe_set: UnsafeSet) -> list[float]:
-    """Times, s, from 0 to the last step, at which a set is looked at closely; 0 alone if it does not move."""
-    return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
 
 def _nowhere_finding(samples: Samples, unsafe_set: UnsafeSet) -> Finding | None:
@@ -178,16 +173,17 @@ def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
 
 def check_seams(problem: ReachAvoidProblem) -> None:
     """Warn of sets that are cut off, and of velocities that jump, where a periodic axis closes."""
+    count = min(problem.most_steps, SPANS) + 1
     for part in problem.all_sets:
-        tell(next(filter(None, (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving))), None))
-    timed = problem.dynamics.depends_on_time
-    tell(next(filter(None, (_turning_over_finding(problem, t) for t in _times(problem, timed))), None))
+        each = (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving, count))
+        tell(next(filter(None, each), None))
+    times = _times(problem, problem.dynamics.depends_on_time, count)
+    tell(next(filter(None, (_turning_over_finding(problem, t) for t in times)), None))
 
 
-def _times(problem: ReachAvoidProblem, timed: bool) -> list[float]:
-    """At most `SPANS` + 1 times, s, from 0 to the last step; 0 alone if not `timed`."""
-    count = min(problem.most_steps, SPANS) if timed else 0
-    return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
+def _times(problem: ReachAvoidProblem, timed: bool, count: int) -> list[float]:
+    """So many times, s, from 0 to the problem's last step; 0 alone if not `timed`."""
+    return np.linspace(0.0, problem.most_steps * problem.delta, count if timed else 1).tolist()
 
 
 @lru_cache(maxsize=8)  # what moves is looked at many times
@@ -264,8 +260,10 @@ def _turning_over_finding(problem: ReachAvoidProblem, t: float) -> Finding | Non
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant."""
     yield from _wrong_sign_findings(problem)
-    for axis in range(problem.grid.ndim):
-        yield from _angle_findings(problem, axis)
+    grid = problem.grid
+    states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
+    for axis in range(grid.ndim):
+        yield from _angle_findings(problem, states, axis)
 
 
 def _wrong_sign_findings(problem: ReachAvoidProblem) -> Iterator[Finding]:
@@ -289,11 +287,11 @@ def _wrong_sign_findings(problem: ReachAvoidProblem) -> Iterator[Finding]:
         )
 
 
-def _angle_findings(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
+def _angle_findings(problem: ReachAvoidProblem, states: FloatArray, axis: int) -> Iterator[Finding]:
     """Yield findings of an axis that may be an angle, as all functions repeat after a whole turn, of 2 pi or 360."""
     grid = problem.grid
     length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
-    if length > MOST_TURNS * TURNS["radians"] and _repeats(problem, axis, TURNS["radians"]):
+    if length > MOST_TURNS * TURNS["radians"] and _repeats(problem, states, axis, TURNS["radians"]):
         yield Finding(
             f"the functions of the problem repeat every 2 pi along {name}, which has {length / 2 / math.pi:.3g} turns "
             f"from {grid.lower[axis]:g} to {grid.upper[axis]:g}: ",
@@ -301,7 +299,7 @@ def _angle_findings(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
             "if it is in degrees, convert it by np.deg2rad where it enters a sine or cosine",
         )
     for unit, turn in TURNS.items():
-        if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, axis, turn):
+        if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, states, axis, turn):
             continue
         if grid.ends_not_given and not grid.periodic[axis]:
             yield Finding(
@@ -310,8 +308,8 @@ def _angle_findings(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        speeds = problem.remembered("speeds at some states", partial(_greatest_speeds, problem))
-        if (turns := float(speeds[axis]) * problem.delta / turn) > 1:
+        speed = max(float(np.abs(velocity(states)[:, axis]).max()) for velocity in _velocities(problem))
+        if (turns := speed * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
                 turns,
@@ -319,24 +317,18 @@ def _angle_findings(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
             )
 
 
-def _greatest_speeds(problem: ReachAvoidProblem) -> FloatArray:
-    """The greatest speed along each axis at `_tried_states` under any input, per second: (ndim,)."""
-    # if nothing depends on the state, one is enough
-    states = _tried_states(problem)[: 1 if problem.dynamics.stateless else None]
-    return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
-
-
-def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
+def _repeats(problem: ReachAvoidProblem, states: FloatArray, axis: int, turn: float) -> bool:
     """Whether all functions that read an axis are alike a `turn` further on, to `ALIKE`, and some change along it."""
     # of a black box nothing is known off the grid
     if problem.opaque:
         return False
-    states, depends = _tried_states(problem), False
-    further, elsewhere = states.copy(), states.copy()
+    depends, further, elsewhere = False, states.copy(), states.copy()
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
     together = np.concatenate([states, further, elsewhere])
-    for function in _functions_reading(problem, axis):
+    functions = [*_velocities(problem)] if problem.dynamics.reads[:, axis].any() else []
+    functions += [partial(_level_set_values, problem, part) for part in problem.all_sets if axis in part.axes]
+    for function in functions:
         try:
             here, there, other = np.split(function(together), 3)
         except (ValueError, ArithmeticError):  # undefined a turn on
@@ -346,21 +338,6 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
             return False
         depends |= bool((np.abs(other - here) > ALIKE * scale).any())
     return depends
-
-
-def _tried_states(problem: ReachAvoidProblem) -> FloatArray:
-    """Random states on the grid, (`TRIED_STATES`, ndim); always the same."""
-    grid = problem.grid
-    return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
-
-
-def _functions_reading(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the functions of states that may depend on an axis: velocities (M, ndim), level sets (M,)."""
-    if problem.dynamics.reads[:, axis].any():
-        yield from _velocities(problem)
-    for part in problem.all_sets:
-        if axis in part.axes:
-            yield partial(_level_set_values, problem, part)
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:

@@ -10,20 +10,21 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import groupby
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.union import EIGHT
 from sdhj.problem.boxes import Maxima, maxima, one_by_one, out_of_danger
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities, narrowed
+from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, narrowed
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.hopf_lax import Moved, maxima_over_sets
 from sdhj.solver.schemes import (
     Scheme,
@@ -160,8 +161,8 @@ class ObstacleFunction:
 class _OnAxes:
     """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
 
-    A subclass has `dtype`, `solved` and `shifted`, and implements `grouped_reach_sets` and either `each_tube` or
-    `tubes`.
+    A subclass has `dtype`, `solved` and `shifted`, and implements `grouped_reach_sets` and `write_tubes`; `reach` and
+    `avoid` follow.
     """
 
     dtype: str
@@ -190,21 +191,14 @@ class _OnAxes:
         return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out)
 
     def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes over the interval from a step, in `out` or new."""
-        tubes = self.no_tubes(obstacle, out)
-        for j, tube in self.each_tube(obstacle, step):
-            np.maximum(tubes[j], tube, out=tubes[j])
-        return tubes
-
-    def no_tubes(self, obstacle: ObstacleFunction, out: FloatArray | None = None) -> FloatArray:
-        """Avoid tubes where nothing is to be avoided: -inf, in `out` or new."""
-        shape = self.count, *self.samples.grid.subgrid(obstacle.axes).shape
-        out = np.empty(shape, self.dtype) if out is None else out
-        out.fill(-np.inf)
+        """The avoid tubes over the interval from a step: (L, *subgrid of obstacle.axes), in `out` or a new array."""
+        if out is None:
+            out = np.empty((self.count, *self.samples.grid.subgrid(obstacle.axes).shape), self.dtype)
+        self.write_tubes(obstacle, step, out)
         return out
 
-    def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, part of the avoid tube of u_j), in any order: the tube is the maximum of its parts."""
+    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
+        """To be implemented: write the avoid tubes over the interval from a step to `out`."""
         raise NotImplementedError
 
 
@@ -351,39 +345,30 @@ class HJIGames(_OnAxes):
         """The games of the same problem and axes by the Hopf-Lax formula, where these exist."""
         return HopfLaxGames(self.samples, SHIFT, self.dtype, self.axes)
 
-    def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """As `_OnAxes.tubes`: by the Hopf-Lax formula where it applies, else by differences."""
-        if not self.uses_hopf_lax(obstacle.axes):
-            return super().tubes(obstacle, step, out)
-        return self.formula.tubes(obstacle, step, out)
-
-    def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, avoid tube of u_j), by differences with -g as obstacle."""
+    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
+        """As `_OnAxes.write_tubes`: by the Hopf-Lax formula where it applies, else by differences, -g as obstacle."""
+        if self.uses_hopf_lax(obstacle.axes):
+            self.formula.write_tubes(obstacle, step, out)
+            return
         grid, steps = self.samples.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
-        at = self.obstacle_at(obstacle, step, steps)
-        least: Any = at if obstacle.instant else at(0.0)
-        for j in range(self.count):
+        least = self.obstacle_at(obstacle, step, steps)
+        first = least(0.0) if callable(least) else least
+        for j, tube in enumerate(out):
             self.solved += 1
             velocities = self.velocities(j, obstacle.axes, step)
-            yield (
-                j,
-                evolve(grid, at(0.0), velocities, self.duration, self.scheme, obstacle=least, steps=steps),
-            )
+            tube[...] = evolve(grid, first, velocities, self.duration, self.scheme, obstacle=least, steps=steps)
 
-    def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The obstacle function as one of tau, s, the time left in the interval from `step`.
+    def obstacle_at(
+        self, obstacle: ObstacleFunction, step: int, steps: int
+    ) -> FloatArray | Callable[[float], FloatArray]:
+        """The obstacle function in the interval from `step` as `evolve` takes it: (*subgrid), swept over all of it.
 
-        It is swept over the time step that begins there; if not `instant`, over the whole interval.
+        If `instant` it is a function of tau, s, the time left, swept over the time step of `steps` that begins there.
         """
         t0, t1 = self.samples.problem.span(step)
-
-        @cache
-        def at(tau: float) -> FloatArray:
-            if not obstacle.instant:
-                return obstacle.values_over(t0, t1)
-            return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
-
-        return at if obstacle.instant else lambda tau: at(0.0)
+        if not obstacle.instant:
+            return obstacle.values_over(t0, t1)
+        return cache(lambda tau: obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1)))
 
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
@@ -415,7 +400,7 @@ class HJIGames(_OnAxes):
             laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
             if (left_over := self._bytes_left - field.nbytes - laid_out) < 0:
                 return field
-            self._fields[key], self._bytes_left = field if field.coupled else field.with_terms(), left_over
+            self._fields[key], self._bytes_left = field if field.coupled else replace(field, terms={}), left_over
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
@@ -481,12 +466,11 @@ class HopfLaxGames(_OnAxes):
             self.grid, np.asarray(values, self.dtype), moved, self.interpolation, self.grid.inner
         )
 
-    def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The maximum of -g over all that the state may reach, one piece of time after another."""
-        tubes = self.no_tubes(obstacle, out)
+    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
+        """As `_OnAxes.write_tubes`: maxima of -g over all that the state may reach, one piece of time after another."""
+        out.fill(-np.inf)
         for some in self._tube_maxima(obstacle, step):
-            some.of(into=tubes[some.first : some.first + some.number], raised=True)
-        return tubes
+            some.of(into=out[some.first : some.first + some.number], raised=True)
 
     def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
         """Yield the maxima of -g over all that the state may reach in each piece of the interval."""

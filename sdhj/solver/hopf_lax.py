@@ -32,7 +32,7 @@ what is interpolated again is lower, in a bowl.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.boxes import Maxima, Nodes, maxima, maximum_over_segments
 from sdhj.problem.grid import Grid
 

@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdhj.common.checks import Options
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, ObstacleFunction, Pieces, in_eights
-from sdhj.solver.recursion import GridSets
+from sdhj.solver.recursion import GridSets, InputRows
 from sdhj.solver.schemes import Scheme, checked_scheme, evolve_with_early_end
 from sdhj.table.table import AvoidTubes
 
@@ -44,8 +44,8 @@ class JointGames(HJIGames):
         @cache
         def union(which: tuple[int, ...], tau: float) -> FloatArray:
             highest = np.full((1,) * grid.ndim, -np.inf)
-            for place in which:
-                highest = np.maximum(highest, grid.lift(unsafe[place](tau), obstacles[place].axes))
+            for one, obstacle in ((unsafe[place], obstacles[place]) for place in which):
+                highest = np.maximum(highest, grid.lift(one(tau) if callable(one) else one, obstacle.axes))
             return np.ascontiguousarray(np.broadcast_to(highest, grid.shape), dtype=self.dtype)
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
@@ -67,12 +67,13 @@ class JointSets(GridSets):
 
     storable = False
 
-    def avoided(self, avoid: AvoidTubes) -> AvoidTubes:
-        """None, unless the grid has unsafe ends."""
-        if self.problem.grid.has("fails"):
-            return avoid
-        nothing = np.full(len(avoid.static), -np.inf, avoid.static.dtype)
-        return AvoidTubes((), nothing, (), np.tile(nothing, (len(avoid.moving), 1)))
+    def begin(self) -> None:
+        """As `GridSets.begin`; reach sets are intersected with no avoid tubes, unless the grid has unsafe ends."""
+        super().begin()
+        if not self.problem.grid.has("fails"):
+            nothing = np.full(len(self.avoid.static), -np.inf, self.avoid.static.dtype)
+            none = AvoidTubes((), nothing, (), np.tile(nothing, (len(self.avoid.moving), 1)))
+            self.rows = InputRows(self.problem.grid, none)
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ import numpy as np
 
 from sdhj.common.checks import Options
 from sdhj.common.findings import Finding, ProjectionWarning, tell
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import BlackBox
-from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import maximum_along
 from sdhj.kernels.union import PAST
 from sdhj.problem.boxes import Maxima, one_by_one
@@ -205,8 +205,6 @@ class ProjectedSets(GridSets):
     keeps; and "free", the greatest share of a subspace outside a set's outer projection, by name.
     """
 
-    games: ProjectedGames
-
     def begin(self) -> None:
         """As `GridSets.begin`; also write the entries (k, 0), which `look_over` projects."""
         super().begin()
@@ -214,7 +212,7 @@ class ProjectedSets(GridSets):
         for step in self.rows_of_entries:
             super().write_goal(step)
             self.goals[step] = self.place(step, 0)
-        self.look_over(lambda step: self.tubes[self.goals[step]], self.games.free)
+        self.look_over(lambda step: self.tubes[self.goals[step]], self.parts.games.free)
 
     def write_goal(self, step: int) -> None:
         """Copy the entry (step, 0), which `begin` has written, to where it lies once tubes before it are shared."""
@@ -223,7 +221,7 @@ class ProjectedSets(GridSets):
 
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
         """Find how much the projections lose (`losses`), and warn where nothing is left."""
-        games, grid = self.games, self.problem.grid
+        games, grid = self.parts.games, self.problem.grid
 
         def share(values: FloatArray, axes: Axes) -> float:
             # of the volume, before and after
@@ -241,7 +239,7 @@ class ProjectedSets(GridSets):
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
         """`losses` and the sentences of all warnings as "projection"; warns if tubes never grow beyond the target."""
-        found = projection_findings(self.problem, self.games.subspaces, self.losses)
+        found = projection_findings(self.problem, self.parts.games.subspaces, self.losses)
         # else the cause has been told before
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]

@@ -18,7 +18,7 @@ import numpy as np
 
 from sdhj.common.findings import tell
 from sdhj.common.memory import require_memory
-from sdhj.kernels import FloatArray, read_only
+from sdhj.common.remembering import FloatArray, read_only
 from sdhj.kernels.union import AvoidRows, InPieces, add_inputs
 from sdhj.problem.boxes import Maxima, one_by_one
 from sdhj.problem.grid import Grid
@@ -373,11 +373,6 @@ class GridSets:
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         self.parts, self.shared = GridParts(problem, method), 0
 
-    @property
-    def games(self) -> Any:
-        """The games of the method on the problem's grid with its padding."""
-        return self.parts.games
-
     def begin(self) -> None:
         """Make the arrays and solve the avoid games; warns of what the grid does not resolve, and of sets never met."""
         parts, problem = self.parts, self.problem
@@ -395,13 +390,9 @@ class GridSets:
         tell_of_never_met(problem, met)
         static, moving = parts.axes.values()
         self.avoid = AvoidTubes(static, avoid["avoid_static"], moving, avoid["avoid_moving"])
-        self.rows = InputRows(problem.grid, self.avoided(self.avoid))
+        self.rows = InputRows(problem.grid, self.avoid)
         self.index = unshared_index(problem)
         self.tubes, self.marks = np.empty(shapes["tubes"], parts.dtype), np.zeros(shapes["marks"], np.uint8)
-
-    def avoided(self, avoid: AvoidTubes) -> AvoidTubes:
-        """The avoid tubes with which reach sets are intersected: all."""
-        return avoid
 
     @property
     def rows_of_entries(self) -> range:
@@ -440,7 +431,7 @@ class GridSets:
         """The table, whose arrays become read-only, with the method's options, counts, and `details`."""
         stored = int(self.index.max()) + 1
         arrays = read_only((self.index, self.tubes[:stored], self.marks[:stored]))
-        found = self.options | self.counts(self.games.solved, self.shared) | dict(details)
+        found = self.options | self.counts(self.parts.games.solved, self.shared) | dict(details)
         table = LookupTable(self.problem, self.parts.method.name, *arrays, self.avoid, found)
         return table.with_details(found | more) if (more := self.said_of(table)) else table
 
@@ -459,7 +450,7 @@ class GridSets:
             "pdes_of_algorithm": len(problem.inputs) * (steps * (steps + 1) // 2 + avoid),
             "pdes_solved": solved,
             "tubes_shared": shared,
-            "shifted": bool(getattr(self.games, "shifted", False)),
+            "shifted": bool(getattr(self.parts.games, "shifted", False)),
         }
 
 

@@ -29,12 +29,12 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import Options, option
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, STENCIL_RADIUS, Layout, stage
 from sdhj.problem.boxes import most_on_padding, out_of_danger
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast_error
+from sdhj.problem.velocities import MOST_STEPS, Velocities, too_fast_error
 
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
@@ -209,41 +209,35 @@ def _field(
 
 
 def terms_of(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as the kernel `stage` reads them, kept in `velocities.terms` if that is a dict."""
-    if (terms := velocities.terms) is None:
-        return _arranged(grid, layout, velocities, dtype)
-    key = grid, layout.ghosts, dtype
-    if (known := terms.get(key)) is None:
-        known = terms[key] = _arranged(grid, layout, velocities, dtype)
-    return known
-
-
-def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
-    """Bytes of what `_arranged` makes of velocities, a box at each node, that depend on the state."""
-    layout = layout_of(grid, scheme.order)
-    plane = (layout.rows + 2 * layout.top) * layout.width
-    return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
-
-
-def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as the kernel `stage` reads them, a tuple of flat arrays of `dtype`.
+    """Velocities as the kernel `stage` reads them, flat arrays, kept in `velocities.terms` if that is a dict.
 
     (box / dx,) where they are constant; else (box, 1 / dx), or for velocities that couple axes (box, 1 / dx, drift,
     gain). box has the lower velocities of all axes, then the upper ones; all but 1 / dx have ghost nodes.
     """
+    kept = {} if velocities.terms is None else velocities.terms
+    if (key := (grid, layout.ghosts, dtype)) in kept:
+        return kept[key]
     spacing, box = np.array(grid.spacing), (velocities.low, velocities.high)
     if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
-        return ((np.stack(box) / spacing).ravel().astype(dtype),)
+        return kept.setdefault(key, ((np.stack(box) / spacing).ravel().astype(dtype),))
     if isinstance(box[0], np.ndarray):
         field = _field(grid, layout, box, 1, dtype)
     else:  # each end lies on the axes that it varies along
         field = np.empty((2 * grid.ndim, layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width), dtype)
         for row, one in zip(field, (*box[0], *box[1]), strict=True):
             row[:] = _with_ghosts(grid, layout, np.broadcast_to(one.astype(dtype), grid.shape), dtype).ravel()
-    terms = field.ravel(), (1.0 / spacing).astype(dtype)
-    if velocities.drift is None or velocities.gain is None:
-        return terms
-    return (*terms, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
+    found = field.ravel(), (1.0 / spacing).astype(dtype)
+    if velocities.drift is not None and velocities.gain is not None:
+        coupled = _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype)
+        return kept.setdefault(key, (*found, *coupled))
+    return kept.setdefault(key, found)
+
+
+def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
+    """Bytes of what `terms_of` makes of velocities, a box at each node, that depend on the state."""
+    layout = layout_of(grid, scheme.order)
+    plane = (layout.rows + 2 * layout.top) * layout.width
+    return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
 
 
 def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:

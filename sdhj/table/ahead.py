@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.formula import program
 from sdhj.formulas.graph import Node, leaf, rebuilt
-from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Packable, Tape, packed
 from sdhj.kernels.true_sets import CHECKED_INSTANTS, TRUE_SETS_TOO, heed_inputs, judge, propose, samples_for
 from sdhj.kernels.tubes import CHECK_TIMES, Answers, Leads
@@ -64,6 +64,8 @@ def choose_by_true_sets(
     table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int
 ) -> None:
     """Check some rows (R,) of a batch by the true sets, in place, as the compiled `decide` does for formulas."""
+    # Nearly always the first input passes, in 36,868 of 36,878 looks. For a network beside a car with six inputs, the
+    # points of all inputs before `decide` would be 5.6 times as many: 1.6 times the CPU of runs, measured.
     problem, (ints, floats) = table.problem, table.tape_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points

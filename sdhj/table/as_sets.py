@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.gridded import gridded
-from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

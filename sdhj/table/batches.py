@@ -14,8 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from sdhj.common.checks import points_array, read_only_view, real_array, states_array, whole
-from sdhj.formulas.remembering import ReadOnly
-from sdhj.kernels import FloatArray, Sealed
+from sdhj.common.remembering import FloatArray, ReadOnly, Sealed
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
 from sdhj.problem.grid import Grid

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import finite_array, states_array, whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table

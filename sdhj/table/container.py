@@ -26,7 +26,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from sdhj.common.memory import require_memory
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 
 FORMAT = 6  # those before were HDF5 files
 FIRST_LINE = '{{"format": {}, "sha256": "{}",\n'  # of problem.json

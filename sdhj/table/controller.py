@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import finite_array, number, plain_array, read_only_view, real_array, states_array, whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 from sdhj.table.beside import Fallback, Filtered, commands_of, fallbacks, predicted, squared_distances
 from sdhj.table.rules import RULES, Candidates, Rule

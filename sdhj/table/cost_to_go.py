@@ -21,8 +21,7 @@ from tqdm import tqdm
 
 from sdhj.common.checks import option, real_array
 from sdhj.common.memory import require_memory
-from sdhj.formulas.remembering import ReadOnly
-from sdhj.kernels import FloatArray, read_only
+from sdhj.common.remembering import FloatArray, ReadOnly, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Table

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import finite_array, whole
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 
 SHOWN = 6  # inputs
 INSTANTS_TRIED = 21  # instants of an interval at which is looked for what an input comes near

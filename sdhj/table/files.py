@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from sdhj.common.checks import finite_array, number, whole
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.graph import MOST_TABLES
-from sdhj.kernels import FloatArray
 from sdhj.problem.describing import LAYOUT, TOLD, arrays_of, described, digest_of
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import MOST_SAMPLED, ReachAvoidProblem

@@ -17,9 +17,8 @@ from typing import Any, Self
 import numpy as np
 
 from sdhj.common.checks import axis_numbers, read_only_view
+from sdhj.common.remembering import FloatArray, ReadOnly, Sealed, kept, read_only
 from sdhj.formulas.formula import BlackBox
-from sdhj.formulas.remembering import ReadOnly
-from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
 from sdhj.kernels.true_sets import TUBES

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.kernels.arm import contact
 from sdhj.kernels.arm.links import Agent, joint_moves
 

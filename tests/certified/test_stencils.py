@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdhj.certified.packing import reached_words
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
 from sdhj.kernels.stencils import TOGETHER, Boxes, Clear, Moves, Placed, grow, mark_collisions, mark_exits

@@ -13,7 +13,7 @@ from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.packing import words_by_input
 from sdhj.certified.word_tubes import Lattice, far_beyond, united, windows, with_margins
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.kernels.packed import to_bits, to_words
 from sdhj.kernels.windows import ClearWords, add_predecessors
 

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 import sdhj
 from sdhj import Grid
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 
 TORUS = Grid([0.0, -1.0], [1.0, 1.0], [5, 6], [True, False])
 

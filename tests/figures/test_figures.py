@@ -24,7 +24,7 @@ from PIL import Image
 
 import sdhj
 from sdhj import plotting
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.solver import recursion, schemes

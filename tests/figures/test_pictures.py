@@ -16,7 +16,7 @@ from PIL import Image
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.simulation.runs import Trajectory
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)

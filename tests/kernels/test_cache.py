@@ -220,7 +220,7 @@ def test_the_stage_is_read_from_the_disk(tmp_path: Path) -> None:
     code = """
 import numpy as np
 from sdhj import Grid, Scheme
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import evolve
 from sdhj.kernels.stages import stage
 grid, speed = Grid([0.0] * 2, [1.0] * 2, [6, 7]), np.ones(2)

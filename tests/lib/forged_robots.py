@@ -13,7 +13,7 @@ import numpy as np
 from forging import describe
 
 import sdhj
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 
 Told = dict[str, Any]
 CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe sets", "moves: ", "in the target, and safe", "one step nearer"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.describing import arrays_of, described
 from sdhj.table import container
 from sdhj.table.container import Contents, Member, Stated

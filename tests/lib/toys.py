@@ -8,7 +8,7 @@ import numpy as np
 
 import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.solver.recursion import unshared_index
 from sdhj.table.table import LookupTable
 

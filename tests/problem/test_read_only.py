@@ -17,7 +17,7 @@ import toys
 from numba.core import types
 
 import sdhj
-from sdhj.kernels import Sealed
+from sdhj.common.remembering import Sealed
 
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 GRID = sdhj.Grid([-2, -2], [2, 2], [21, 21])

@@ -15,7 +15,7 @@ import toys
 from parameters import but_slow
 
 import sdhj
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.table.ahead import CHECKED_INSTANTS, choose_by_true_sets

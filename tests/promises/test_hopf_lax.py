@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from sdhj import Grid, Scheme
 from sdhj.problem.boxes import INTERPOLATIONS, maximum_over_boxes
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import evolve
 
 ROUNDING = 1e-12  # a dozen float64 operations on values of order one

@@ -8,7 +8,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.problem import interval as interval_module
 from sdhj.table.table import AvoidTubes
 

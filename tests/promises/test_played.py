@@ -13,7 +13,7 @@ import sdhj
 import sdhj.simulation.played
 from sdhj import Controller, UnsafeSet
 from sdhj.common.findings import ProjectionWarning, ResolutionWarning
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
 from sdhj.solver.recursion import GridSets
 

@@ -372,7 +372,7 @@ def test_finite_differences_are_inside_but_for_scheme_error():
 @pytest.mark.slow
 def test_first_order_with_equal_steps_is_inside_to_rounding(rng):
     """That it is the time steps alone: a monotone scheme with the same steps on grid and subgrid keeps the order."""
-    from sdhj.problem.interval import Velocities
+    from sdhj.problem.velocities import Velocities
     from sdhj.solver.schemes import evolve
 
     grid = Grid([-1.0] * 3, [1.0] * 3, [9, 10, 11], [True, False, False])

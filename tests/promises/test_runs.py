@@ -8,7 +8,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.kernels import read_only
+from sdhj.common.remembering import read_only
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation import runs as simulation
 from sdhj.simulation.adversaries import Moment

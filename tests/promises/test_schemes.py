@@ -10,7 +10,7 @@ from plain import run_plainly
 import sdhj
 from sdhj import Grid, Scheme
 from sdhj.kernels.stages import HAMILTONIANS
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import evolve
 
 FLUXES = ("godunov", "lax-friedrichs")

@@ -14,7 +14,7 @@ import sdhj
 from sdhj import Grid, Scheme
 from sdhj.common import memory
 from sdhj.kernels import compiling
-from sdhj.problem.interval import Velocities
+from sdhj.problem.velocities import Velocities
 from sdhj.solver import recursion, schemes
 from sdhj.solver.joint import Joint
 from sdhj.solver.schemes import evolve

@@ -20,8 +20,8 @@ from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, prediction
 from sdhj.certified.images import Proof
 from sdhj.common.checks import whole
 from sdhj.common.memory import require_memory
+from sdhj.common.remembering import FloatArray, read_only
 from sdhj.formulas.formula import Ends
-from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.arm.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.arm.links import Agent, joint_moves
 from sdhj.kernels.compiling import hidden

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.arm import links
 from sdhj.kernels.arm.links import CONTACT_MARGIN, LINKS, Agent
 from sdhj.kernels.compiling import kernel

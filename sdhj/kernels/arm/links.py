@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import kernel
 from sdhj.kernels.packed import set_bits
 

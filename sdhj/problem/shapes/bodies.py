@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.common.checks import finite_array, number
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 from sdhj.problem.shapes.polygons import ROUNDING, box_without, convex_parts, outline, polygon_level_set
 
 Pose = Callable[[Any, Any], Sequence[Any]]  # (points, t) -> x, y and heading, each (M,) or a number

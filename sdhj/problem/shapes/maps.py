@@ -32,9 +32,9 @@ import numpy as np
 
 from sdhj.common.checks import finite_array, number, one_line, option, plain_array
 from sdhj.common.memory import require_memory
+from sdhj.common.remembering import FloatArray
 from sdhj.formulas.graph import MOST_TABLES
 from sdhj.formulas.gridded import gridded
-from sdhj.kernels import FloatArray
 from sdhj.problem.shapes.polygons import MISSING
 
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server requires

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.checks import finite_array, number
-from sdhj.kernels import FloatArray
+from sdhj.common.remembering import FloatArray
 
 MISSING = "install it with pip install 'sdhj[maps]'"
 ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts could be in neither

@@ -1,4 +1,4 @@
-"""Intervals of two floats: what an operation may give for all numbers in its operands, rounded outward.
+"""Bounds, intervals of two floats: what an operation may give for all numbers in its operands, rounded outward.
 
 An interval that is not finite stands for "may be undefined": where a number of the operands lies outside the domain, an
 end becomes NaN here, and `sdhj.kernels.tape` then makes NaN of both. It does so for operands that are NaN, too, so that
