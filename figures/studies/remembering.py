@@ -1,6 +1,6 @@
 """What a controller gains that remembers what the state can be: shares of robots that measure with errors.
 
-python figures/studies/remembering.py              all rows, some minutes and 6 GB of memory
+python figures/studies/remembering.py              all rows, some minutes and 2 GB of memory
 python figures/studies/remembering.py "joint, 100 Hz" standing
 """
 
@@ -67,13 +67,11 @@ ROBOTS: dict[str, Callable[[], sdhj.ReachAvoidProblem]] = {
 
 
 def row(name: str) -> str:
-    """The shares of one robot, of who forgets and of who remembers: certified for ever, by "hji" for some steps."""
+    """The shares of one robot, of who forgets and of who remembers, by the method that `solve` takes by itself."""
     problem = ROBOTS[name]()
-    method, shares = "certified" if problem.steps is None else "hji", []
-    for memory in (False, True):
-        one = replace(problem, sensing=replace(problem.sensing, memory=memory))
-        shares.append(f"{sdhj.solve(one, method, play=False, progress=False).fraction():.3f}")
-    return f"| {name} | `{method}` | {' | '.join(shares)} |"
+    each = [replace(problem, sensing=replace(problem.sensing, memory=memory)) for memory in (False, True)]
+    tables = [sdhj.solve(one, play=False, progress=False) for one in each]
+    return f"| {name} | `{tables[0].method}` | {' | '.join(f'{table.fraction():.3f}' for table in tables)} |"
 
 
 @click.command()
