@@ -10,7 +10,7 @@ import sdhj
 @pytest.mark.slow
 def test_a_row_has_the_shares_of_both(monkeypatch):
     """On few cells: nobody who forgets stands for ever."""
-    monkeypatch.setattr(sdhj, "solve", lambda one, _, solve=sdhj.solve, **given: solve(one, few, **given))
+    monkeypatch.setattr(sdhj, "solve", lambda one, solve=sdhj.solve, **given: solve(one, few, **given))
     few = sdhj.Certified(cells=(400, 60))
     done = CliRunner().invoke(remembering.main, ["standing"])
     assert done.exit_code == 0, done.output
