@@ -1,6 +1,6 @@
 """What a controller gains that remembers what the state can be: shares of robots that measure with errors.
 
-python figures/studies/remembering.py              all rows, some minutes and 2 GB of memory
+python figures/studies/remembering.py              all rows, some minutes
 python figures/studies/remembering.py "joint, 100 Hz" standing
 """
 
