@@ -109,9 +109,10 @@ class Clear(NamedTuple):
     ends: Array
     bits: Array
 
-    def of(self, step: int, j: int) -> Array:
-        """From which of the cells u_j is clear in the interval of a step."""
-        return (self.bits[min(step, len(self.bits) - 1), :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
+
+def marked(bits: Array, step: int, j: int, cells: Any = slice(None)) -> Array:
+    """Of which of the cells input j is marked, bool, in bits (starts, cells, bytes), at a step or at all alike."""
+    return (bits[min(step, len(bits) - 1), cells, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
 
 
 def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
@@ -119,10 +120,13 @@ def silently(through: Iterable[Any], _: str, __: int) -> Iterable[Any]:
     return through
 
 
-def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
-    """Where something holds all over boxes (2, axes, M): halved along the axes `along` where it is open, (M,)."""
-    axes = np.flatnonzero(along)
-    out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth * axes.size)]
+def everywhere(holds: Holds, boxes: Array, axes: Sequence[int] | Array, depth: int | None = None) -> Array:
+    """Where something holds all over boxes (2, ndim, M), halved along one axis after the other where it is open: (M,).
+
+    depth : how often along each of the axes; what is open then counts as not proved.
+    """
+    depth = DEEPEST[min(len(axes), len(DEEPEST)) - 1] if depth is None else depth
+    out, left = np.ones(boxes.shape[2], np.bool_), [(boxes, np.arange(boxes.shape[2]), depth * len(axes))]
     while left:
         some, of, more = left.pop()
         some, of = some[:, :, out[of]], of[out[of]]
@@ -130,7 +134,7 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
         out[of[no if more else ~yes]] = False
         if not more:
             continue
-        axis = axes[-more % axes.size]
+        axis = axes[-more % len(axes)]
         some, of = some[:, :, (open_ := ~yes & out[of])], of[open_]
         middle = some[:, axis].mean(axis=0)
         some, of = np.concatenate([some] * 2, axis=2), np.tile(of, 2)
@@ -139,16 +143,10 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     return out
 
 
-def deepest(part: Part) -> int:
-    """How often boxes are halved to tell whether they meet a set."""
-    return DEEPEST[min(len(part.axes), len(DEEPEST)) - 1]
-
-
 def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Array:
     """For which cells, of those that are True in `some`, it is not proved that something holds; bool as `some`.
 
-    Tiles of cells that move alike are looked at first, in one box each, then smaller ones, and where it is open cell by
-    cell.
+    Tiles, so many cells along each axis, are looked at first, in one box each; where it is open, smaller ones.
     """
     open_ = np.ones((1,) * some.ndim, np.bool_)
     while True:
@@ -163,18 +161,38 @@ def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Arr
 
 
 def in_slabs(holds: Callable[[Array], Array], cells: Array) -> Array:
-    """holds(cells), called with at most `SLAB` of the cells at once."""
-    begins = range(0, max(cells.shape[1], 1), SLAB)
-    return np.concatenate([holds(cells[:, begin : begin + SLAB]) for begin in begins])
+    """holds(cells), (M,) bool, called with at most `SLAB` of the cells (..., M) at once."""
+    slabs = np.array_split(cells, -(-cells.shape[-1] // SLAB) or 1, axis=-1)
+    return np.concatenate([holds(slab) for slab in slabs])
+
+
+def failing(holds: Callable[[Array, Tubes], Array], asked: Array, tubes: Tubes) -> Array:
+    """For which cells, of those that are True in `asked`, what is asked of their numbers does not hold."""
+    bad, numbers = asked.copy(), np.flatnonzero(asked)
+    bad[asked] = ~in_slabs(lambda some: holds(some, tubes), numbers)
+    return bad
+
+
+class Asked(NamedTuple):
+    """Claims of one kind, of cells on some axes: what they are called, and which of them are open, bool.
+
+    fails(cells, tubes) tells of such an array of truth values for which of its cells it is not proved.
+    """
+
+    name: str
+    what: str
+    axes: Array
+    cells: Array
+    fails: Callable[[Array, Tubes], Array]
 
 
 class Argument:
     """What a file says of a robot, and the argument that it holds: `claims` goes through all of it.
 
     counts (ndim,) : of cells, layers included. known (ndim,) : bool, the axes that a cell's moves depend on; a place is
-    the part of a cell on these. low, high (starts, inputs, places, ndim) : the first and the last cell that an input
-    leads to, less the cell's own. arrives (starts, sites, bytes) : an input is a bit. sites (ndim,) : strides of the
-    part of a cell that moves and target depend on. off (ndim,) : E. edges : of the cells of each axis, (n + 1,).
+    the part of a cell on these. low, high (starts, inputs, places, ndim) int16 : the first and the last cell that an
+    input leads to, less the cell's own. arrives (starts, sites, bytes) uint8 : an input is a bit. sites (ndim,) :
+    strides of the part of a cell that moves and target depend on. off (ndim,) : E. edges : of each axis's cells.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any = None) -> None:
@@ -206,7 +224,7 @@ class Argument:
         return self.together(MOST_INPUTS) * each
 
     def together(self, tasks: int) -> int:
-        """How many tasks are looked at together: as many as there are cores, one where users' functions are called."""
+        """How many tasks are looked at together: as many as there are cores, but fewer of many cells."""
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         most = max(MOST_CELLS // math.prod(self.counts.tolist()), 1)
         return 1 if self.problem.trusted else min(cores, tasks, most)  # what users wrote may not bear it
@@ -273,7 +291,7 @@ class Argument:
     def read_clear(self, stated: Any, given: Array) -> None:
         """Read from which cells inputs are clear, for each unsafe set and unsafe end by cells of the axes it names.
 
-        How far a tube reaches along these depends on them and on all coordinates that velocities along them read.
+        How far a tube reaches, and when it has left over a safe end, must depend on no other axes.
         """
         robot, begin, self.clear = self.problem, 0, list[Clear]()
         ends = np.logical_or(*self.unsafe.T)
@@ -299,20 +317,15 @@ class Argument:
         expect(not (left.any() or open_ends.any()), "inputs must be clear of every unsafe set and unsafe end", stated)
 
     def read_sets(self, head: Mapping[str, Any], arrays: Any) -> None:
-        """See for how many steps there are sets: for each pair (k, n), for each n, or one for ever."""
-        steps, entries = self.problem.steps, len(self.index)
+        """See for how many steps there are sets: for each pair (k, n), for each n, or one that holds for ever."""
+        robot, steps, entries = self.problem, self.problem.steps, len(self.index)
         self.alike = entries != (steps + 1) * (steps + 2) // 2  # whatever the step
-        robot = self.problem
-        moving = (
-            robot.timed
-            or any(part.moving for part in robot.unsafe)
-            or (self.problem.target is not None and self.problem.target.moving)
-        )
+        moving = robot.timed or any(part.moving for part in robot.parts)
         fits = not self.alike or (entries in (1, steps + 1) and not moving)
         expect(fits, "there must be sets for each step, or for all alike where nothing moves", self.index.shape)
         endless = dict(head["details"]).get("endless", False)
         expect(isinstance(endless, bool), "endless must be true or false", endless)
-        fits = not endless or self.problem.target is not None or entries == 1
+        fits = not endless or robot.target is not None or entries == 1
         expect(fits, "sets that hold for ever must be one that leads into itself", self.index.shape)
 
     def strides_of(self, some: Array) -> Array:
@@ -352,10 +365,7 @@ class Argument:
     # ---- 1: cells
 
     def uncovered(self) -> list[str]:
-        """What is wrong with the cells of each axis: they must cover it, and move alike where no place is asked.
-
-        A layer, a cell of no width, must be at a wall.
-        """
+        """What is wrong with the cells of each axis: they must cover it, and move alike where no place is asked."""
         wrong, robot = list[str](), self.problem
         for k, (n, (low, width, least, most)) in enumerate(zip(self.counts.tolist(), self.axes, strict=True)):
             inner, length = n - sum(self.layers[k]), decimal(robot.upper[k]) - decimal(robot.lower[k])
@@ -372,7 +382,7 @@ class Argument:
     def alike_along(self, k: int, beyond: Fraction) -> bool:
         """Whether all cells along an axis of no place move alike: as wide, and a wall holds back what has one velocity.
 
-        A state that a wall holds back is then where it would be without the wall, clipped.
+        beyond : how much longer than the axis its cells are together.
         """
         if self.problem.periodic[k]:
             return abs(beyond) <= STICKS * self.scale[k]
@@ -380,10 +390,10 @@ class Argument:
 
     # ---- functions over the parts of boxes that are on the grid
 
-    def on_grid(self, axes: Sequence[int], box: Array, bounds: Callable[[Array, Array, Array], Any]) -> Array:
+    def on_grid(self, axes: Sequence[int], box: Array, bounds: Callable[[Array, Array], Any]) -> Array:
         """Bounds of a function over boxes (2, axes, M), clipped at ends, in two halves where an axis closes.
 
-        (2, results, M), infinite where nothing is known. bounds : called with lower and upper ends, and of which box.
+        (2, results, M), infinite where nothing is known. bounds : called with lower and upper ends, (axes, M).
         """
         box, count, robot = box.copy(), box.shape[2], self.problem
         of = np.arange(count)
@@ -399,7 +409,7 @@ class Argument:
                 second[0, row], second[1, row] = least, b[over] - (most - least)
                 b[over] = most
                 box, of = np.concatenate([box, second], axis=2), np.concatenate([of, of[over]])
-        found = np.array(bounds(box[0], box[1], of))
+        found = np.array(bounds(box[0], box[1]))
         found[0][np.isnan(found[0])], found[1][np.isnan(found[1])] = -np.inf, np.inf
         for row in range(found.shape[1]) if len(of) > count else ():
             np.minimum.at(found[0, row], of[count:], found[0, row, count:])
@@ -409,19 +419,18 @@ class Argument:
     def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> Array:
         """Bounds of the velocity under u_j over boxes (2, ndim, M) and times: (2, ndim, M)."""
         of = self.problem.velocity
-        return self.on_grid(range(len(box[0])), box, lambda low, high, _: of(j, low, high, times, pushed))
+        return self.on_grid(range(len(box[0])), box, lambda low, high: of(j, low, high, times, pushed))
 
     def value(self, part: Part, one: Function, box: Array, times: Times) -> Array:
         """Bounds of a function of a set over boxes on its axes, (2, axes, M), and times: (2, M)."""
         found = self.on_grid(
-            part.axes, box, lambda low, high, _: np.array(one.bounds(low.T, high.T, times)).swapaxes(1, 2)
+            part.axes, box, lambda low, high: np.array(one.bounds(low.T, high.T, times)).swapaxes(1, 2)
         )
         return found[:, 0]
 
     def outside(self, part: Part, box: Array, times: Times, depth: int | None = None) -> Array:
-        """Whether boxes are outside a set at all times: all functions that it is the least of are > 0."""
-        out, every = np.ones(box.shape[2], np.bool_), np.ones(len(part.axes), np.bool_)
-        depth = deepest(part) if depth is None else depth
+        """Whether boxes (2, axes, M) are outside a set at all times: all functions that it is the least of are > 0."""
+        out = np.ones(box.shape[2], np.bool_)
         for one in part.function.least_of:
 
             def above(some: Array, one: Any = one) -> tuple[Array, Array]:
@@ -429,7 +438,7 @@ class Argument:
                 return least > 0, most <= 0
 
             left = np.flatnonzero(out)
-            out[left] = everywhere(above, box[:, :, left], every, depth)
+            out[left] = everywhere(above, box[:, :, left], range(len(box[0])), depth)
         return out
 
     def inside(self, part: Part, box: Array, times: Times) -> Array:
@@ -439,7 +448,7 @@ class Argument:
             least, most = self.value(part, part.function, some, times)
             return most <= 0, least > 0
 
-        return everywhere(below, box, np.ones(len(part.axes), np.bool_), deepest(part))
+        return everywhere(below, box, range(len(box[0])))
 
     # ---- 2: moves
 
@@ -449,10 +458,9 @@ class Argument:
         return np.where(self.known[:, None], self.ends(self.cells_at(places, self.strides), self.near), whole)
 
     def driven(self, places: Array, j: int, start: int, pieces: int) -> tuple[Array, Array]:
-        """How far the ends of the boxes at places (M,) move under u_j in the interval from a step: swept, and last.
+        """How far the ends of the boxes at places (M,) move under u_j in an interval: `swept` and `last` of `Tubes`.
 
-        As `Tubes` has them. With these added a box holds all that can be reached, whatever the adversary does; infinite
-        where no such box is found.
+        With these added a box holds all that can be reached; infinite where none is found. pieces : of each part.
         """
         robot, at = self.problem, self.boxes(places)
         hold = (self.walls & self.known[:, None]).T[:, :, None]
@@ -478,10 +486,18 @@ class Argument:
                 box, times = at + np.where(self.known[:, None], moved, 0.0), (begun + begin, begun + end)
                 after = held(self.piece(box, moved, j, times, end - begin, gain * (end - begin)))
                 gain, moved = OUT * np.maximum(OUT * (after - moved) / (end - begin), 0.0), after
-                reached, ending = farther(reached, moved), farther(ending, moved)
+                reached = farthest(np.array([reached, moved]))
+                ending = farthest(np.array([ending, moved]))
             swept[part] = reached
         last = ending if robot.jitter else moved
         return swept, held(self.carried_on(at, last) if robot.memory else last + OUT * self.off[:, None])
+
+    def tubes(self, places: Array, j: int, start: int, pieces: int) -> Tubes:
+        """The `Tubes` from places under u_j in the interval from a step, by so many pieces of each part."""
+        rows = np.empty(self.low.shape[2], np.int64)
+        rows[places] = np.arange(places.size)
+        swept, last = self.driven(places, j, start, pieces)
+        return Tubes(rows, swept, farthest(swept), last)
 
     def piece(self, box: Array, moved: Array, j: int, times: Times, h: float, far: Array) -> Array:
         """How far the ends of boxes have moved after a piece of the interval that is h long, s: (2, ndim, M).
@@ -520,11 +536,9 @@ class Argument:
         after[:, :, left] = OUT * np.inf  # of which nothing is known
         return after
 
-    def moves_hold(self, places: Array, start: int, j: int, last: Array) -> Array:
-        """Whether all that cells at places (M,) are led to under u_j lies in the cells that the file says: (M,).
-
-        An image may stick out by `STICKS`.
-        """
+    def moves_hold(self, start: int, j: int, places: Array, tubes: Tubes) -> Array:
+        """Whether all that cells at places (M,) are led to under u_j lies in the cells that the file says: (M,)."""
+        last = tubes.last[:, :, tubes.rows[places]]
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places, self.strides), STICKS * self.scale
         for k, (lower, width, least, most) in enumerate(self.axes):
             own, wide, edges = cells[k], self.widths[k], self.edges[k]
@@ -551,7 +565,7 @@ class Argument:
         return np.where(at_wall & self.known[:, None] & self.problem.memory, 0.0, self.off[:, None])
 
     def carried_on(self, at: Array, last: Array) -> Array:
-        """How far ends move to the points that a controller with memory goes on with: (2, ndim, M).
+        """How far the ends of boxes `at` move to the points that a controller with memory goes on with: (2, ndim, M).
 
         They are E inside of what the state is led to, or its middle where that is empty; all of it where it lies in the
         layer at a wall, and only there in a layer.
@@ -593,34 +607,29 @@ class Argument:
                 yes = (apart <= allowed[:, None]).all(axis=0)
                 return yes, np.zeros_like(yes)  # nothing surely fails: it is halved to the last
 
-            if not everywhere(near, boxes, self.known, NEAREST).all():
+            if not everywhere(near, boxes, np.flatnonzero(self.known), NEAREST).all():
                 wrong.append(f"input {j}, from {begin:.3g} s on")
         return wrong
 
     # ---- 4: clear
 
     def not_clear(self, one: Clear, step: int, j: int, asked: Array, tubes: Tubes) -> Array:
-        """From which of the cells `asked`, bool (*counts), it is not proved that u_j is clear in a step's interval.
+        """From which of the cells `asked`, bool, 1 along axes that `one` has not, it is not proved that u_j is clear.
 
-        Clear of the unsafe ends and the sets of `one` that are unsafe under u_j; what has wholly left over a safe end
-        is out of danger. There are counts along the axes of `one`, and 1 along the others, on which cells are alike:
-        tubes are those of the first.
+        Cells that differ only on axes that play no part in a question are asked about once.
         """
         bad = np.zeros_like(asked)
         for axes, holds in self.questions(one, step, j, tubes):
             part_of_it = self.known | self.safe.any(axis=1)
             part_of_it[axes] = True
-            some = np.logical_or.reduce(asked & ~bad, axis=axes_of(~part_of_it), keepdims=True)
+            some = np.logical_or.reduce(asked > bad, axis=axes_of(~part_of_it), keepdims=True)
             bad |= left_open(holds, some, np.where(self.known | ~part_of_it, 1, TILE))
         return bad & asked
 
     def questions(
         self, one: Clear, step: int, j: int, tubes: Tubes
     ) -> Iterator[tuple[list[int], Callable[[Array], Array]]]:
-        """Yield what has to be asked of tubes: on which axes, and the function that answers for tiles of cells.
-
-        It is called with the first and the last cells of tiles, (2 ndim, M), for whether all is well: (M,).
-        """
+        """Yield what has to be asked: on which axes, and what tells of first and last cells if all is well."""
         for k in axes_of(one.ends):
             yield [k], partial(self.stays, k, tubes)
         for part in one.parts:
@@ -637,24 +646,23 @@ class Argument:
         )
 
     def misses(self, part: Part, step: int, tubes: Tubes, tiles: Array) -> Array:
-        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), miss an unsafe set: (M,).
-
-        Tubes from single cells are looked at part by part where it is open.
-        """
+        """Whether tubes from all cells of tiles, the first and the last (2 ndim, M), miss an unsafe set: (M,) bool."""
         at, (first, last) = self.time(step), np.split(tiles, 2)
         single = bool((first == last).all())
         cuts = [at + cut for cut in self.cuts(1)] if part.moving else [self.always[0]] * self.parts + [self.always[1]]
         late = self.problem.jitter if part.moving else 0.0
         box = self.whole(first, last, tubes) + OUT * 2 * self.near[:, None]
-        good = self.outside(part, box[:, part.axes], (cuts[0] - late, cuts[-1] + late), WHOLE if single else 0)
+        good = self.outside(
+            part, box[:, part.axes], (cuts[0] - late, cuts[-1] + late), WHOLE * (single and not part.moving)
+        )
         if single and (left := np.flatnonzero(~good)).size:
             good[left] = self.misses_in_parts(part, first[:, left], cuts, late, tubes)
         return good
 
     def misses_in_parts(self, part: Part, cells: Array, cuts: list[float], late: float, tubes: Tubes) -> Array:
-        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,)."""
+        """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool."""
         good, there = np.ones(cells.shape[1], np.bool_), self.not_gone(cells, tubes)
-        ends, rows = self.ends(cells, 2 * self.near), self.rows_of(cells, tubes)
+        ends, rows = self.ends(cells, 2 * self.near), tubes.rows[self.strides @ cells]
         for number, (begin, end) in enumerate(pairwise(cuts)):
             left = np.flatnonzero(good & there[number])
             box = (ends[:, :, left] + tubes.swept[number][:, :, rows[left]])[:, part.axes]
@@ -662,16 +670,9 @@ class Argument:
             good[left] = self.outside(part, box, times)
         return good
 
-    def rows_of(self, cells: Array, tubes: Tubes) -> Array:
-        """Which of the tubes are those of cells (ndim, M): (M,)."""
-        return tubes.rows[self.strides @ cells]
-
     def whole(self, first: Array, last: Array, tubes: Tubes) -> Array:
-        """The boxes (2, ndim, M) that tubes stay in from all cells from first to last (ndim, M), at one place each.
-
-        Of a single cell until its tube has left over a safe end.
-        """
-        rows = self.rows_of(first, tubes)
+        """The boxes (2, ndim, M) that tubes stay in from all cells from first to last, until they leave safely."""
+        rows = tubes.rows[self.strides @ first]
         ends = np.array([self.ends(first)[0], self.ends(last)[1]])
         if not self.safe.any() or (first != last).any():
             return ends + tubes.whole[:, :, rows]
@@ -682,17 +683,16 @@ class Argument:
         """In which parts tubes from cells may still be between the safe ends, (parts, M): once gone, gone."""
         gone, robot = np.zeros((self.parts, cells.shape[1]), np.bool_), self.problem
         for k in np.flatnonzero(self.safe.any(axis=1)):
-            low, high = tubes.swept[:, :, k][..., self.rows_of(cells, tubes)].swapaxes(0, 1)
+            low, high = tubes.swept[:, :, k][..., tubes.rows[self.strides @ cells]].swapaxes(0, 1)
             gone |= (self.edges[k][cells[k] + 1] + high < robot.lower[k] - self.near[k]) & self.safe[k, 0]
             gone |= (self.edges[k][cells[k]] + low > robot.upper[k] + self.near[k]) & self.safe[k, 1]
         return ~np.logical_or.accumulate(gone, axis=0)
 
     # ---- 9: the target
 
-    def goals_hold(self, numbers: Array, step: int) -> Array:
-        """Whether cells with flat numbers (M,) are inside the target and outside the unsafe sets at a step: (M,).
+    def goals_hold(self, step: int, numbers: Array) -> Array:
+        """Whether cells with flat numbers (M,) are inside the target and outside the unsafe sets at a step: (M,) bool.
 
-        With all that they may stand for, at all times that the step may be; without a target outside the unsafe sets.
         A set that is unsafe under some inputs only is not asked about.
         """
         late, at = self.problem.jitter, self.time(step)
@@ -704,12 +704,11 @@ class Argument:
         target = self.problem.target
         return out if target is None else out & self.inside(target, box[:, target.axes], times)
 
-    def arrivals_hold(self, sites: Array, step: int, tubes: Tubes) -> Array:
-        """Whether all of what the cells at sites are led to is in the target at the end of the interval."""
-        target = self.problem.target
-        assert target is not None
+    def arrivals_hold(self, step: int, sites: Array, tubes: Tubes) -> Array:
+        """Whether all of what the cells at sites (M,) are led to is in the target at the end of a step's interval."""
+        target: Any = self.problem.target
         cells, at = self.cells_at(sites, self.sites), self.time(step + 1)
-        moved = tubes.last[:, :, self.rows_of(cells, tubes)]
+        moved = tubes.last[:, :, tubes.rows[self.strides @ cells]]
         box = self.ends(cells, 2 * self.near) + moved
         return np.isfinite(moved).all(axis=(0, 1)) & self.inside(target, box[:, target.axes], (at, at))
 
@@ -736,7 +735,7 @@ class Argument:
         return [(k, n) for k in range(1 if self.alike else steps + 1) for n in range(steps - k + 1)]
 
     def not_nearer(self, step: int, within: int, chosen: Array) -> "Count":
-        """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or into the target itself, counted.
+        """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or the target itself, counted.
 
         With a target only of cells that S_k^{n-1} has not.
         """
@@ -747,20 +746,23 @@ class Argument:
         all_in = partial(self.all_in, self.sums(self.bits(step + 1, within - 1)) if asked.any() else None)
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
-            numbers = begin + np.flatnonzero(asked[begin : begin + SLAB * 8])
-            for j in range(self.problem.count if numbers.size else 0):
-                numbers = numbers[~self.leads(numbers, step, j, all_in)]
-            wrong += numbers.tolist()
+            wrong += self.not_led(begin + np.flatnonzero(asked[begin : begin + SLAB * 8]), step, all_in).tolist()
         return Count(int(new.sum()), int(asked.sum()), 0, len(wrong), wrong[:SHOWN])
+
+    def not_led(self, numbers: Array, step: int, all_in: AllIn) -> Array:
+        """Those of cells, by their flat numbers, from which no input leads on, in the interval from a step."""
+        for j in range(self.problem.count):
+            if numbers.size:
+                numbers = numbers[~self.leads(numbers, step, j, all_in)]
+        return numbers
 
     def leads(self, numbers: Array, step: int, j: int, all_in: AllIn) -> Array:
         """Whether u_j is clear from cells with flat numbers (M,) and leads all of each into a set, or into the target.
 
         What has wholly left over a safe end by a cell counts as in the set.
         """
-        cells, out = np.array(np.unravel_index(numbers, self.counts)), np.ones(len(numbers), np.bool_)
-        for one in self.clear:
-            out &= one.of(step, j)[self.strides_of(one.own) @ cells]
+        cells = np.array(np.unravel_index(numbers, self.counts))
+        out = self.is_clear(step, j, cells)
         left = np.flatnonzero(out)
         cells = cells[:, left]
         start, places = min(step, len(self.low) - 1), self.strides @ cells
@@ -770,17 +772,16 @@ class Argument:
             n = self.counts[k]
             inside |= (past[k] < 0) & self.safe[k, 0] | (first[k] > n) & self.safe[k, 1]
         if len(self.arrives):
-            marks = self.arrives[min(step, len(self.arrives) - 1), self.sites @ cells, j // 8]
-            inside |= marks >> np.uint8(j % 8) & 1 == 1
+            inside |= marked(self.arrives, step, j, self.sites @ cells)
         out[left] = inside
         return out
 
-    def clear_inputs(self, step: int) -> Array:
-        """Which inputs are clear from each cell in a step's interval: (cells, inputs)."""
-        out = np.ones((*self.counts, self.problem.count), np.bool_)
-        for one, j in product(self.clear, range(self.problem.count)):
-            out[..., j] &= one.of(step, j).reshape(np.where(one.own, self.counts, 1))
-        return out.reshape(-1, self.problem.count)
+    def is_clear(self, step: int, j: int, cells: Array) -> Array:
+        """From which of cells (ndim, M) u_j is clear in a step's interval: (M,) bool."""
+        out = np.ones(cells.shape[1], np.bool_)
+        for one in self.clear:
+            out &= marked(one.bits, step, j, self.strides_of(one.own) @ cells)
+        return out
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set lie below each corner; where an axis closes it goes on."""
@@ -827,10 +828,9 @@ class Argument:
     def claims(
         self, every: bool = False, samples: int | None = None, seed: int = 0, bar: Bar = silently
     ) -> Iterator[Claim]:
-        """Yield all claims, checked. Only the first where cells do not cover the axes.
+        """Yield all claims, checked; arguments as of `sdhj.certified.check.verify`.
 
-        every : also of cells that are not promised. samples : so many cells in place of all; what needs whole arrays is
-        checked whole.
+        Only the first where cells do not cover the axes. What needs whole arrays is checked whole, also for samples.
         """
         wrong = self.uncovered()
         yield Claim(COVER, self.problem.ndim, self.problem.ndim, wrong)
@@ -856,17 +856,14 @@ class Argument:
         with ThreadPoolExecutor(self.together(len(tasks))) as pool:
             made = pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)
             for each in bar(made, "moves", len(tasks)):
-                for own, one in zip(found.values(), each, strict=True):
-                    own.add(one)
-        for name, own in found.items():
-            if name != ARRIVE or len(self.arrives):
-                yield Claim(name, own.made, own.checked, own.wrong, own.failed, beside=own.beside)
+                for name, one in each.items():
+                    found[name].add(one)
+        yield from (own.claim(name) for name, own in found.items() if name != ARRIVE or len(self.arrives))
 
-    def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> tuple["Count", "Count", "Count"]:
-        """What is claimed of moves, clear inputs and arrivals under u_j in the intervals from `start`, counted."""
-        always = len(self.low) == 1  # the same moves from every step
+    def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> dict[str, "Count"]:
+        """What is claimed of moves, clear inputs and arrivals under u_j from `start` on, counted by name."""
+        found, left = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}, list[Asked]()
         chosen = chosen.reshape(self.counts)
-        moves, clear, arrive = Count(), Count(), Count()
 
         @lru_cache(maxsize=2)
         def of_steps(step: int | None) -> Array:
@@ -874,78 +871,57 @@ class Argument:
             steps = range(self.problem.steps) if step is None else [step]
             return np.ones(self.counts, np.bool_) if every else self.promised(steps)
 
-        def asked(own: Array, each: int, step: int, some: Any = True) -> Array:
-            """Which cells of some axes are asked about, where there are `each` answers, of a step or all; bool."""
-            return (of_steps(None if each == 1 else step) & some).any(axis=axes_of(~own), keepdims=True)
+        def ask(name: str, what: str, axes: Array, said: Array, at: tuple[int, int], fails: Any) -> None:
+            step, starts = at  # and for how many steps there are answers
+            promised, said = of_steps(None if starts == 1 else step), said.reshape(np.where(axes, self.counts, 1))
+            made, own = (said & some.any(axes_of(~axes), keepdims=True) for some in (promised, promised & chosen))
+            found[name].note(made, own, said)
+            left.append(Asked(name, f"start {step}, input {j}, {what}", axes, own, fails))
 
-        at_places, open_moves = (asked(self.known, len(self.low), start, some).ravel() for some in (True, chosen))
-        moves.note(at_places, open_moves, np.ones_like(at_places))
-        open_cells: dict[tuple[int, int], Array] = {}
-        for number, one in enumerate(self.clear):
-            for step in range(len(one.bits)) if always else [start]:
-                said = one.of(step, j).reshape(np.where(one.own, self.counts, 1))
-                open_cells[number, step] = said & asked(one.own, len(one.bits), step, chosen)
-                clear.note(said & asked(one.own, len(one.bits), step), open_cells[number, step], said)
-        open_sites: dict[int, Array] = {}
-        for step in (range(len(self.arrives)) if always else [start]) if len(self.arrives) else []:
-            said = (self.arrives[step, :, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_)
-            said = said.reshape(np.where(self.sites, self.counts, 1))
-            open_sites[step] = said & asked(self.sites > 0, len(self.arrives), step, chosen)
-            arrive.note(said & asked(self.sites > 0, len(self.arrives), step), open_sites[step], said)
+        def steps_of(marks: Array) -> Sequence[int]:  # of the interval, or where moves are the same from each, of all
+            return range(len(marks)) if len(self.low) == 1 else [start][: len(marks)]
+
+        moved, places = partial(self.moves_hold, start, j), np.ones(self.low.shape[2], np.bool_)
+        ask(MOVES, "place", self.known, places, (start, len(self.low)), partial(failing, moved))
+        for one in self.clear:
+            axes = ", ".join(self.problem.names[k] for k in axes_of(one.own))
+            for step in steps_of(one.bits):
+                said, fails = marked(one.bits, step, j), partial(self.not_clear, one, step, j)
+                ask(CLEAR, f"cell of {axes}", one.own, said, (step, len(one.bits)), fails)
+        for step in steps_of(self.arrives):
+            said, fails = marked(self.arrives, step, j), partial(failing, partial(self.arrivals_hold, step))
+            ask(ARRIVE, "site", self.sites > 0, said, (step, len(self.arrives)), fails)
         with np.errstate(all="ignore"):
             for pieces in FINENESS:
-                needed = open_moves.copy()
-                for some in (*open_cells.values(), *open_sites.values()):
-                    at = np.nonzero(some.any(axis=axes_of(~self.known), keepdims=True))
-                    needed[self.strides @ np.array(at)] = True
-                for places in np.array_split(np.flatnonzero(needed), -(-int(needed.sum()) // PLACES) or 1):
-                    self.take_out(start, j, pieces, places, open_moves, open_cells, open_sites)
-        moves.fail(f"start {start}, input {j}, place", open_moves)
-        for (number, step), cells in open_cells.items():
-            axes = ", ".join(self.problem.names[k] for k in np.flatnonzero(self.clear[number].own))
-            clear.fail(f"start {step}, input {j}, cell of {axes}", cells)
-        for step, sites in open_sites.items():
-            arrive.fail(f"start {step}, input {j}, site", sites)
-        return moves, clear, arrive
+                self.take_out(start, j, pieces, left)
+        for each in left:
+            found[each.name].fail(each.what, each.cells)
+        return found
 
-    def take_out(
-        self,
-        start: int,
-        j: int,
-        pieces: int,
-        places: Array,
-        open_moves: Array,
-        open_cells: dict[tuple[int, int], Array],
-        open_sites: dict[int, Array],
-    ) -> None:
-        """Take out of what is open what bounds so fine prove of the cells at places (P,)."""
-        if not places.size:
-            return
-        rows, looked_at = np.empty(len(open_moves), np.int64), np.zeros(len(open_moves), np.bool_)
-        rows[places], looked_at[places] = np.arange(places.size), True
-        swept, last = self.driven(places, j, start, pieces)
-        tubes = Tubes(rows, swept, farthest(swept), last)
-        open_moves[places] &= ~self.moves_hold(places, start, j, tubes.last)
-        here = looked_at.reshape(np.where(self.known, self.counts, 1))
-        for (number, step), cells in open_cells.items():
-            one = self.clear[number]
-            first = here[tuple(slice(None) if k else slice(1) for k in one.own)]  # of places that tubes alike are at
-            if (own := cells & first).any():
-                cells &= ~own | self.not_clear(one, step, j, own, tubes)
-        for step, sites in open_sites.items():
-            some = np.flatnonzero(sites & here)
-            for own_sites in np.array_split(some, -(-some.size // SLAB) or 1):
-                sites.reshape(-1)[own_sites] = ~self.arrivals_hold(own_sites, step, tubes)
+    def take_out(self, start: int, j: int, pieces: int, left: Sequence["Asked"]) -> None:
+        """Take out of what is open, in place, what bounds so fine prove."""
+        needed = np.zeros(self.low.shape[2], np.bool_)
+        for one in left:  # cells that are alike are at the first of their places
+            at = np.nonzero(one.cells.any(axis=axes_of(~self.known), keepdims=True))
+            needed[self.strides @ np.array(at)] = True
+        numbers = np.flatnonzero(needed)
+        for places in np.array_split(numbers, -(-numbers.size // PLACES)) if numbers.size else ():
+            tubes, here = self.tubes(places, j, start, pieces), np.zeros(needed.size, np.bool_)
+            here[places] = True
+            here = here.reshape(np.where(self.known, self.counts, 1))
+            for one in left:
+                own = one.cells & here[tuple(slice(None) if k else slice(1) for k in one.axes)]
+                if own.any():
+                    one.cells[own] = one.fails(own, tubes)[own]
 
     def claims_of_sets(self, chosen: Array, bar: Bar) -> Iterator[Claim]:
-        """Yield the claims of cells: that they are in the target, and safe; or lead one step nearer."""
+        """Yield the claims of cells."""
         goals, nearer = Count(), Count()
         with ThreadPoolExecutor(self.together(len(self.pairs))) as pool:
             made = pool.map(lambda pair: self.of_a_set(pair[0], pair[1], chosen), self.pairs)
             for (step, within), one in zip(self.pairs, bar(made, "sets", len(self.pairs)), strict=True):
                 (nearer if within else goals).add(one, f"start {step}, within {within}, cell ")
-        for name, own in ((GOALS, goals), (NEARER, nearer)):
-            yield Claim(name, own.made, own.checked, own.wrong, own.failed)
+        yield from (goals.claim(GOALS), nearer.claim(NEARER))
 
     def of_a_set(self, step: int, within: int, chosen: Array) -> "Count":
         """What is claimed of the cells of S_k^n, counted."""
@@ -953,10 +929,9 @@ class Argument:
             return self.not_nearer(step, within, chosen)
         here = self.bits(step, 0)
         asked = np.flatnonzero(here & chosen)
-        slabs = np.array_split(asked, -(-asked.size // SLAB) or 1)
         with np.errstate(all="ignore"):
-            bad = np.concatenate([own[~self.goals_hold(own, step)] for own in slabs]).tolist()
-        return Count(int(here.sum()), asked.size, 0, len(bad), bad[:SHOWN])
+            bad = asked[~in_slabs(partial(self.goals_hold, step), asked)]
+        return Count(int(here.sum()), asked.size, 0, bad.size, bad[:SHOWN].tolist())
 
 
 class Count:
@@ -977,16 +952,15 @@ class Count:
         self.failed += numbers.size
         self.wrong += [f"{what} {number}" for number in numbers[: max(SHOWN - len(self.wrong), 0)]]
 
+    def claim(self, name: str) -> Claim:
+        """The `Claim` of a name that has these numbers."""
+        return Claim(name, self.made, self.checked, self.wrong, self.failed, beside=self.beside)
+
     def add(self, more: "Count", what: str = "") -> None:
         """Add the numbers of another count."""
         self.made, self.checked = self.made + more.made, self.checked + more.checked
         self.beside, self.failed = self.beside + more.beside, self.failed + more.failed
         self.wrong += [f"{what}{one}" for one in more.wrong[: max(SHOWN - len(self.wrong), 0)]]
-
-
-def farther(a: Array, b: Array) -> Array:
-    """Of displacements (2, ...) of lower and upper ends the farther ones."""
-    return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 
 def farthest(swept: Array) -> Array:

@@ -144,7 +144,7 @@ def mapped(path: str) -> memoryview:
 
 
 def before(name: bytes, crc: int, size: int, packed: int, method: int, at: int) -> bytes:
-    """What stands before a file in a zip: its numbers then begin at a multiple of 64 bytes."""
+    """What stands before a file in a zip, whose header begins `at`; its numbers begin at a multiple of 64 bytes."""
     about = struct.pack("<HHHHHIIIH", 45, 0, method, 0, 33, crc, ALL, ALL, len(name))
     fields = struct.pack("<HHQQ", 1, 16, size, packed)
     pad = -(at + 30 + len(name) + 24) % 64

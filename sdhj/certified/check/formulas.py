@@ -7,9 +7,9 @@ numbers of the results. So nothing is recursive, and reading takes time in propo
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -22,8 +22,8 @@ MOST_LINES = 100_000  # of a formula
 MOST_EXPONENT = 64
 MOST_AXES = 6  # of a table
 MOST_JUMPS = 4  # of a function that are taken apart
-MOST_NUMBERS = 1 << 25  # in memory at once, while a formula is evaluated
-MOST_BOXES = 1 << 16  # at once
+MOST_NUMBERS = 1 << 23  # in memory at once, while a formula is evaluated
+MOST_BOXES = 1 << 15  # at once
 WHOLE = re.compile("[0-9]{1,6}")
 EXPONENT = re.compile("-?[0-9]{1,2}")
 REAL = re.compile(r"nan|-?(inf|0x[01](\.[0-9a-f]{1,13})?p[+-][0-9]{1,4})")
@@ -48,26 +48,26 @@ class Reader:
     """Reads the lines of one function, once: `Reader(...).read(lines)`. ValueErrors name the line and the function."""
 
     def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
-        """A reader for one function."""
+        """For a function of a name, of so many coordinates and parameters."""
         self.what, self.tables, self.line = what, tables, ""
         self.leaves = {"x": coordinates, "p": parameters}
         self.nodes: list[Node] = []
         self.truths: set[int] = set()  # numbers of nodes that are truth values
 
     def expect(self, fits: bool, wrong: str) -> None:
-        """Raise ValueError unless `fits`: what is `wrong`, and number and text of the line."""
+        """Raise ValueError unless `fits`, with the line being read."""
         if not fits:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
     def whole(self, word: str, below: int, of: str) -> int:
-        """A word of the line, at most six digits, as a whole number from 0 to below - 1."""
+        """A word of the line as a whole number from 0 to below - 1."""
         self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
         return int(word)
 
     def real(self, word: str) -> float:
         """A word of the line, a hexadecimal number, nan, inf or -inf, as a float."""
+        self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")
         try:
-            self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")
             return float.fromhex(word)
         except OverflowError:
             self.expect(False, "a number must not be as large")
@@ -78,7 +78,7 @@ class Reader:
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)
 
     def read(self, lines: Any) -> "Formula":
-        """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong."""
+        """The `Formula` that a list of lines of text describes, the last one `return`."""
         fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
@@ -95,11 +95,7 @@ class Reader:
         raise AssertionError
 
     def node(self, name: str, words: list[str]) -> Node:
-        """The node of one line: the operation `name`, and the words behind it. `mul n n` becomes a square.
-
-        ValueError for an unknown operation, other operands than it has, and where truth values are needed and not
-        given.
-        """
+        """The node of one line: the operation `name`, and the words behind it. `mul n n` becomes a square."""
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
             if name == "const":
@@ -128,10 +124,7 @@ class Reader:
         return node.name in TRUTHS or chosen or known
 
     def gridded(self, words: list[str]) -> Node:
-        """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand.
-
-        ValueError where something does not fit.
-        """
+        """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand."""
         axes = (len(words) - 3) // 3
         fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
         fits = fits and (words[1 + axes], words[2 + 2 * axes]) == ("lower", "spacing")
@@ -142,7 +135,7 @@ class Reader:
         self.expect(finite, "`lower` must be finite and `spacing` above 0")
         table = self.tables(self.whole(words[0], 10**6, "a table"), axes)
         self.expect(min(table.shape) >= 2, "a table must have two nodes on each axis")
-        return Node("gridded", operands, (table, lower, spacing, {}))
+        return Node("gridded", operands, (table, lower, spacing))
 
 
 @dataclass(frozen=True)
@@ -182,50 +175,8 @@ class Formula:
             left += new
         return sorted(found)
 
-    @cached_property
-    def done(self) -> dict[int, list[int]]:
-        """By the number of a node, the nodes whose values are not needed once it is evaluated."""
-        last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
-        done: dict[int, list[int]] = {}
-        for operand in last.keys() - set(self.results):
-            done.setdefault(last[operand], []).append(operand)
-        return done
-
-    @cached_property
-    def in_all_boxes(self) -> Callable[[tuple[Any, ...]], dict[int, Interval]]:
-        """`_in_all_boxes`, with its last answer kept: boxes are mostly asked for again and again."""
-        return lru_cache(1)(self._in_all_boxes)
-
-    def _in_all_boxes(self, numbers: tuple[Any, ...]) -> dict[int, Interval]:
-        """By the number of a node its bounds if they are the same in all boxes: two numbers.
-
-        Of nodes that read no coordinate, nor a parameter that is None here, and where nothing jumps.
-        """
-        found: dict[int, Interval] = {}
-        nowhere = np.zeros((0, 0))
-        for number in self.needed:
-            node = self.nodes[number]
-            given = node.name not in ("x", *JUMPS) and (node.name != "p" or numbers[node.given[0]])
-            if given and found.keys() >= {*node.operands}:
-                operands = [found[n] for n in node.operands]
-                found[number] = sure(*self.value(node, operands, nowhere, nowhere, numbers))
-        return found
-
-    @cached_property
-    def boxes(self) -> int:
-        """How many boxes to evaluate at once, for at most `MOST_NUMBERS` numbers in memory."""
-        most = count = 0
-        for number in self.needed:
-            count += 1
-            most = max(most, count)
-            count -= len(self.done.get(number, ()))
-        return max(min(MOST_BOXES, MOST_NUMBERS // (2 * most + 1)), 1)
-
     def reads(self, leaf: str, number: int | None = None) -> bool:
-        """Whether a result depends on a coordinate (leaf "x") or a parameter (leaf "p").
-
-        number : which one; None: on any.
-        """
+        """Whether a result depends on a coordinate (leaf "x") or a parameter (leaf "p") of that number, or any."""
         found = (self.nodes[n] for n in self.needed)
         return any(node.name == leaf and number in (None, *node.given) for node in found)
 
@@ -235,29 +186,9 @@ class Formula:
         found = [number for number in self.needed if self.nodes[number].name in JUMPS]
         return found if len(found) <= MOST_JUMPS else []
 
-    def __call__(
-        self, low: Array, high: Array, parameters: list[tuple[Any, Any]], sides: Mapping[int, int]
-    ) -> Iterator[Interval]:
-        """Yield bounds of each result over boxes (M, coordinates): pairs of arrays that broadcast to (M,).
-
-        Both are NaN where nothing is known. All boxes are evaluated at once, with NumPy's warnings (`once`).
-        """
-        numbers = tuple(None if np.ndim(a) else (float(a), float(b)) for a, b in parameters)
-        values = dict(self.in_all_boxes(numbers))
-        for number in self.needed:
-            if number in values:
-                continue
-            node = self.nodes[number]
-            operands, side = [values[n] for n in node.operands], sides.get(number)
-            jumped = () if side is None else (side,)
-            values[number] = sure(*self.value(node, operands, low, high, parameters, *jumped))
-            for operand in self.done.get(number, ()):
-                del values[operand]
-        return (values[number] for number in self.results)
-
     @staticmethod
     def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any, *side: int) -> Interval:
-        """The interval of one node over boxes [low, high] (M, coordinates), from the intervals of its operands."""
+        """The interval of one node over boxes, from those of its operands; side : of a jump, if only one counts."""
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
@@ -270,8 +201,8 @@ class Formula:
     def bounds(self, low: Array, high: Array, *parameters: tuple[Any, Any]) -> tuple[Array, Array]:
         """The least and the greatest values of the results over boxes (M, coordinates): both (M, results).
 
-        NaN where nothing is known. Where results are closer on one side of the jumps of angles than on both, bounds are
-        those of all sides together: what lies between the sides is no value.
+        NaN where nothing is known. Where angles jump, bounds are those of all sides together if that is closer.
+        parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
         """
         found = self.once(low, high, parameters, {})
         every = [dict(zip(self.jumps, sides, strict=True)) for sides in product((0, 1), repeat=len(self.jumps))]
@@ -284,19 +215,27 @@ class Formula:
         return found[0], found[1]
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
-        """Bounds (2, M, results) over boxes on given sides of the jumps, evaluated `self.boxes` boxes at a time."""
-        out = np.empty((2, len(self.results), len(low))).swapaxes(1, 2)
+        """Bounds (2, M, results) over boxes, so many at a time that all values of nodes fit into memory.
+
+        sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts.
+        """
+        out = np.empty((2, len(self.results), len(low)))
+        at_once = max(min(MOST_BOXES, MOST_NUMBERS // (2 * len(self.needed))), 1)
         with np.errstate(all="ignore"):
-            for begin in range(0, len(low), self.boxes):
-                own = slice(begin, begin + self.boxes)
+            for begin in range(0, len(low), at_once):
+                own, values = slice(begin, begin + at_once), dict[int, Interval]()
                 given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
-                for i, ends in enumerate(self(low[own], high[own], given, sides)):
-                    out[0, own, i], out[1, own, i] = ends
-        return out
+                for number in self.needed:
+                    node = self.nodes[number]
+                    operands, side = [values[n] for n in node.operands], [sides[number]] if number in sides else []
+                    values[number] = sure(*self.value(node, operands, low[own], high[own], given, *side))
+                for i, number in enumerate(self.results):
+                    out[0, i, own], out[1, i, own] = values[number]
+        return out.swapaxes(1, 2)
 
 
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
-    """Read the formula of a function; ValueError unless it is one of so many coordinates and parameters."""
+    """Read the formula of a function from the head's entry for it; of so many coordinates and parameters."""
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
         expect(given[name] == count, f"{what} must have {count} {name}", given[name])
     return Reader(what, coordinates, parameters, tables).read(given["lines"])

@@ -11,9 +11,8 @@ is where an operation rises and falls.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import reduce
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,7 @@ TINY = 5e-324  # the least positive number
 NEAR_ZERO = 2.0**-56
 ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
 DOUBT = 1e-14  # of a number of turns: more than its rounding
-MOST_NODES = 256  # of a table in and around a box, up to which it is looked up exactly
-MOST_BLOCKS = 8  # of nodes, along each axis of a box with more, and one
+MOST_NODES = 4096  # of a table in and around a box, up to which it is looked up exactly
 
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
@@ -80,26 +78,15 @@ def rest(a: Array, b: Array, total: Array) -> Array:
 
 
 def hull_at_corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
-    """The least and the greatest value of a function `of` at the four pairs of ends of a and b, as computed.
-
-    Nothing is rounded outward.
-    """
-    ends = [of(p, q) for p in each_end(a) for q in each_end(b)]
+    """The least and the greatest value of a function at the four pairs of ends of a and b, as computed."""
+    ends = [of(p, q) for p in a for q in b]
     return reduce(np.minimum, ends), reduce(np.maximum, ends)
-
-
-def each_end(a: Interval) -> Interval | tuple[Array]:
-    """The ends of an interval; one where it is a single number for all boxes, as constants are, but for a zero.
-
-    Its ends may be zeros of both signs, which are not the same to `arctan2`.
-    """
-    return a[:1] if np.ndim(a[0]) == 0 and a[0] == a[1] != 0.0 else a
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
     """The hull of the products, or quotients, of the ends of a and b, rounded outward but not across 0.
 
-    An end stays at 0 where the signs of a and b tell on which side of 0 the result is.
+    of : `np.multiply` or `np.divide`; then b must not hold 0, which is not checked.
     """
     least, most = hull_at_corners(of, a, b)
     low, high = outward(least, most, least=TINY)
@@ -121,10 +108,7 @@ def div(a: Interval, b: Interval) -> Interval:
 
 
 def share(a: Interval, b: Interval) -> Interval:
-    """a / b clipped to [-1, 1], rounded outward; [-1, 1] where b holds 0, as at b = 0 the operation is 0.
-
-    NaN where a or b is.
-    """
+    """a / b clipped to [-1, 1], rounded outward; [-1, 1] where b holds 0, as at b = 0 the operation is 0."""
     known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
     low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
     return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)
@@ -151,10 +135,7 @@ def raised(x: Array, n: int) -> Interval:
 
 
 def power(a: Interval, n: int) -> Interval:
-    """a^n for a whole n, rounded outward: of even n by |a|, of odd n by the ends, of n < 0 as 1 / a^-n.
-
-    1 for n = 0; NaN where a is NaN, and for n < 0 where a holds 0 (`div`).
-    """
+    """a^n for a whole n, rounded outward: of even n by |a|, of odd n by the ends, of n < 0 as 1 / a^-n."""
     if n < 0:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
@@ -182,10 +163,9 @@ def pow_(a: Interval, b: Interval) -> Interval:
 def rising(
     function: Callable[[Array], Array], least: float = -math.inf, most: float = math.inf
 ) -> Callable[..., Interval]:
-    """The rule, from interval to interval, of a rising function f whose values lie from `least` to `most`."""
+    """The rule of a rising function, right up to `UNITS` and `TINY`, whose values lie from `least` to `most`."""
 
     def rule(a: Interval) -> Interval:
-        """[f(low), f(high)] for an interval (low, high), rounded outward and clipped to [least, most]."""
         low, high = outward(function(a[0]), function(a[1]), UNITS, TINY)
         return np.maximum(low, least), np.minimum(high, most)
 
@@ -203,13 +183,12 @@ def arccos(a: Interval) -> Interval:
 
 
 def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
-    """The rule, from interval to interval, of `function`, np.sin or np.cos.
+    """The rule of np.sin or np.cos: the hull of the values at the ends, and of 1 and -1 where they may be between.
 
     hill : where it is 1, in turns; so it is at every whole turn from there, and -1 half a turn from each.
     """
 
     def rule(a: Interval) -> Interval:
-        """The hull of the values at the ends of a, rounded outward, and of 1 and -1 where they may be between."""
         begin, end = a[0] / (2 * np.pi) - hill, a[1] / (2 * np.pi) - hill
         doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
         hills = np.floor(end + doubt) >= np.ceil(begin - doubt)
@@ -231,13 +210,9 @@ def tan(a: Interval) -> Interval:
 
 
 def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
-    """The angle of (x, y): the hull of the angles at the corners of the box, rounded outward.
+    """The angle of (x, y): of a box that meets the jump, y = 0 and x <= 0, all angles, else the hull of its corners'.
 
-    [-pi, pi], a little wider, where the box may meet the jump, y = 0 and x <= 0. Any other box is convex and does not
-    hold the origin, so that the extremes are at corners.
-
-    side : where the box meets the jump only its part y >= 0 (side 0), or y <= 0, where the angle is -pi at the jump
-        (side 1); other boxes are whole. None: all of every box.
+    side : of a box that meets the jump only the part y >= 0 (0), or y <= 0, where the angle is -pi at the jump (1).
     """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
     if side is not None:
@@ -262,8 +237,6 @@ def hypot(a: Interval, b: Interval) -> Interval:
 def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
     """a - floor(a / b) * b, between 0 and b; closer where the whole number of laps, floor(a / b), is known.
 
-    NaN where b may be 0.
-
     side : 0 or 1: only in the first, or in the last, where the box lies in two laps; None: in all.
     """
     laps = div(a, b)
@@ -282,25 +255,22 @@ def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
 
 
 def less(a: Interval, b: Interval) -> Interval:
-    """a < b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
+    """a < b, a truth value."""
     return truth(a[1] < b[0], a[0] >= b[1], a, b)
 
 
 def lesseq(a: Interval, b: Interval) -> Interval:
-    """a <= b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
+    """a <= b, a truth value."""
     return truth(a[1] <= b[0], a[0] > b[1], a, b)
 
 
 def equal(a: Interval, b: Interval) -> Interval:
-    """a == b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
+    """a == b, a truth value."""
     return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)
 
 
 def where(condition: Interval, a: Interval, b: Interval) -> Interval:
-    """a where the condition is [1, 1], b where it is [0, 0], else the hull of both; NaN where the condition is.
-
-    condition : the interval of a truth value. What is not chosen may be NaN.
-    """
+    """a where the condition is [1, 1], b where it is [0, 0], else the hull of both; what is not chosen may be NaN."""
     yes, no = condition[0] == 1.0, condition[1] == 0.0
     low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))
     high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
@@ -310,19 +280,11 @@ def where(condition: Interval, a: Interval, b: Interval) -> Interval:
 # ---- interpolation
 
 
-InBlocks = dict[
-    tuple[int, ...], tuple[Array, Array]
-]  # of a table its least and greatest values in blocks, by their sizes
-
-
-def gridded(
-    operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: InBlocks
-) -> Interval:
+def gridded(operands: list[Interval], table: Array, lower: list[float], spacing: list[float]) -> Interval:
     """Bounds of the multilinear interpolation of a table with nodes at lower + i * spacing, clipped at its ends.
 
-    Rounded outward; NaN where an operand is. The extremes over a box are at points whose coordinates are ends of the
-    box or nodes between: within one cell they are at corners. A box with more than `MOST_NODES` nodes is bounded by the
-    least and the greatest value of blocks of nodes that cover it, of larger blocks for larger boxes.
+    The extremes over a box are at points whose coordinates are ends of the box or nodes between; of a box with more
+    than `MOST_NODES` of these, the least and the greatest value of the table are taken.
     """
     ends = []
     for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
@@ -332,30 +294,24 @@ def gridded(
     places = whole.reshape(len(ends), -1)  # (2 * axes, M)
     known, out = np.flatnonzero(np.isfinite(places).all(axis=0)), np.full((2, places.shape[1]), np.nan)
     low, high = places[0::2, known], places[1::2, known]
-    begin = np.minimum(np.floor(low), np.array(table.shape)[:, None] - 2.0)
-    sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0)
+    shape = np.array(table.shape)
+    begin = np.minimum(np.floor(low), shape[:, None] - 2.0)
+    sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0).astype(np.int64)
     few = sizes.prod(axis=0) <= MOST_NODES
-    blocks = np.ceil(np.log2(np.maximum(sizes / MOST_BLOCKS, 1.0)))
-    for some, own in alike(np.where(few, sizes, -blocks).astype(np.int64)):
-        given = table, some, low[:, own], high[:, own]
-        out[:, known[own]] = at_points(*given, begin[:, own]) if few[own[0]] else at_blocks(*given, kept)
+    out[:, known[~few]] = np.array([[table.min()], [table.max()]])
+    alike = np.where(few, np.ravel_multi_index(tuple(sizes), tuple(shape + 1)), -1)
+    for own in (np.flatnonzero(alike == one) for one in np.unique(alike[few])):
+        out[:, known[own]] = at_points(table, sizes[:, own[0]].tolist(), low[:, own], high[:, own], begin[:, own])
     rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice
     low, high = outward(out[0], out[1], rounding)
     return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
 
 
-def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Group the columns of whole numbers (axes, M): yield each different column, a list, and its indices (m,)."""
-    keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
-    order = np.argsort(keys, kind="stable")
-    for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
-        yield rows[:, own[0]].tolist(), own
-
-
 def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Array) -> Array:
-    """The least and the greatest value of a table's interpolant in boxes with so many nodes around them: (2, M).
+    """The least and the greatest value of a table's interpolant in boxes (axes, M) with so many nodes around: (2, M).
 
-    Widened by a bound on the rounding of the interpolation, by which `gridded` then widens once more.
+    Widened by a bound on its rounding, by which `gridded` then widens once more. first (axes, M) : of the nodes around
+    each box; values at the first and the last along an axis are replaced by those at the ends of the box.
     """
     nodes = [own + np.arange(n)[:, None] for own, n in zip(first.astype(np.int64), sizes, strict=True)]
     shapes = np.where(np.eye(len(sizes), dtype=np.bool_), sizes, 1).tolist()
@@ -368,28 +324,6 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
         least = (1.0 - begin) * own[0] + begin * own[1]
         own[0], own[-1] = least, (1.0 - end) * own[-2] + end * own[-1]
     return np.stack([values.min(axis=each) - slack, values.max(axis=each) + slack])
-
-
-def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: InBlocks) -> Array:
-    """The least and the greatest value of a table at the nodes in and around boxes, and some beside them: (2, M).
-
-    By blocks of 2^-powers[axis] nodes along each axis, whose extremes are computed once and put into `kept`.
-    """
-    blocks = tuple(1 << -power for power in powers)
-    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
-    if blocks not in kept:
-        least = most = table
-        for axis, block in enumerate(blocks):
-            begins = np.arange(0, table.shape[axis], block)
-            least, most = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(most, begins, axis)
-        kept[blocks] = least, most
-    least, most = kept[blocks]
-    first, last = first // np.array(blocks)[:, None], last // np.array(blocks)[:, None]
-    out = np.stack([np.full(low.shape[1], np.inf), np.full(low.shape[1], -np.inf)])
-    for step in product(*(range(n) for n in (last - first).max(axis=1) + 1)):
-        at = tuple(np.minimum(first + np.array(step)[:, None], last))
-        out = np.stack([np.minimum(out[0], least[at]), np.maximum(out[1], most[at])])
-    return out
 
 
 RULES: dict[str, tuple[int, Callable[..., Interval]]] = {  # name: number of operands, rule

@@ -35,7 +35,7 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 def decimal(value: float) -> Fraction:
     """The fraction that a float most likely stands for: the shortest decimal, times a power of two, that rounds to it.
 
-    Powers from -40 to 40 are tried; the number itself if every such decimal has more than `FEW_DIGITS` digits.
+    The number itself if every such decimal has more than `FEW_DIGITS` digits.
     """
     part, power = math.frexp(value)
     scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
@@ -71,8 +71,7 @@ def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[f
 def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], Arrays]]:
     """A context with the head of a file or folder, a dict, and its arrays; all digests, the problem's too, are right.
 
-    ValueError if the bytes are not those that were written, or the head names another problem than it describes; and in
-    place of any error inside the context.
+    ValueError where they are not, and in place of any error that is raised inside the context.
     """
     if not os.path.isfile(path) and not os.path.isdir(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
@@ -95,11 +94,7 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
 
 
 def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
-    """The SHA-256, in hexadecimal, of the problem: of what the head says of it, and of the arrays of its functions.
-
-    It is that of a JSON text with the head's entries `TOLD`, in which the error of measurements has a number for each
-    axis, and for each array under "tables" and "opaque" its shape and the SHA-256 of its numbers.
-    """
+    """The SHA-256, in hexadecimal, of the problem: of the head's entries `TOLD` and the arrays of its functions."""
     said, held = {name: head[name] for name in TOLD}, dict[str, Any]()
     error = said["sensing"].get("error")
     if error is not None:
@@ -114,7 +109,7 @@ def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
 
 
 def expect_room(needed: int) -> None:
-    """Raise MemoryError if `needed` bytes are more than can still be had."""
+    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group can still get."""
     free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
@@ -125,7 +120,7 @@ def expect_room(needed: int) -> None:
 
 
 def free_memory() -> Iterator[float]:
-    """Yield the bytes that are free by each limit that the system tells, infinity first."""
+    """Yield the bytes that are free by each limit that the system tells: the machine's, the group's, the process's."""
     yield math.inf
     with suppress(OSError, LookupError, ValueError):  # no such file, or no number in it: no limit
         found = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
@@ -144,10 +139,9 @@ def free_memory() -> Iterator[float]:
 
 
 def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:
-    """An array of a dtype `kind` and a shape in a file; in the shape None is any length, a single ... any shape.
+    """An array of a dtype and a shape in a file, looked at before it is read: ValueError where it is another.
 
-    It is looked at before it is read: ValueError if it is no array of this kind and shape, or has more than `most`
-    bytes.
+    In the shape None is any length, a single ... any shape. most : bytes.
     """
     one = file.stated.get(name)
     expect(one is not None and one.kind == np.dtype(kind).name, f"{name} must be an array of {np.dtype(kind)}", name)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.argument import FINENESS, SHOWN, Argument, Clear, Tubes, axes_of, farthest
+from sdhj.certified.check.argument import FINENESS, SHOWN, Argument, Clear, Tubes, axes_of, marked
 from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, Claim
 from sdhj.certified.check.files import BEFORE
 from sdhj.certified.check.intervals import Array
@@ -19,7 +19,6 @@ from sdhj.certified.check.intervals import Array
 MOST_WHOLE = 200_000  # claims that are all looked at
 SAMPLED = 100_000  # claims that are looked at of more
 ROWS = 64  # of a set, from which cells are drawn
-AT_ONCE = 1 << 17  # cells that are looked up at once
 
 
 class InMemory:
@@ -66,7 +65,10 @@ def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: A
     with np.errstate(all="ignore"):
         for step, within in sets.pairs:
             cells = some_cells(sets, step, within, each, rng)
-            bad = cells[~sets.goals_hold(cells, step)] if not within else not_nearer(sets, step, within, cells)
+            if within:
+                bad = sets.not_led(cells, step, partial(all_in, sets, sets.row(step + 1, within - 1)))
+            else:
+                bad = cells[~sets.goals_hold(step, cells)]
             wrong += [
                 f"{NEARER if within else GOALS}: {named(step, cell, sets.counts)}, within {within}" for cell in bad
             ]
@@ -115,10 +117,7 @@ def bits_of(words: Array) -> int:
 
 
 def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random.Generator) -> Array:
-    """Flat numbers of cells that S_k^n adds to the set with a step less, or has without a target; about so many.
-
-    A quarter is at ends and seams of axes, half at the rim of the set, as far as there are such.
-    """
+    """Flat numbers of about so many new cells of S_k^n, a quarter at ends and seams of axes, half at its rim."""
     row, counts, grows = sets.row(step, within), sets.counts, within > 0 and sets.problem.target is not None
     less = sets.row(step, within - 1) if grows else None
     filled: Array = np.any(sets.pool, axis=1)
@@ -150,9 +149,9 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
 
 
 def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
-    """Whether all cells of boxes from first to past (ndim, M) are in a set: (M,), by looking up each of them.
+    """As `Argument.all_in`, (M,) bool, by looking up each cell, without the sums of a whole set.
 
-    As `Argument.all_in`, without the sums of a whole set.
+    row : of the set, as of `Argument.row`.
     """
     axes = zip(sets.counts.tolist(), sets.problem.periodic, first, past, strict=True)
     both = [
@@ -160,35 +159,22 @@ def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
         for n, closes, a, b in axes
     ]
     begin, wide = np.array(both).swapaxes(0, 1)
-    out = np.ones(begin.shape[1], np.bool_)
-    corners = np.indices([2] * len(wide)).reshape(len(wide), -1) * wide.max(initial=1)
-    for steps in (corners, np.indices(wide.max(axis=1, initial=1)).reshape(len(wide), -1)):  # of the widest box
-        left = np.flatnonzero(out)
-        for own in np.array_split(left, -(-left.size * steps.shape[1] // AT_ONCE) or 1):
-            by = np.minimum(steps[:, None], wide[:, own, None] - 1)
-            *rows, last = (begin[:, own, None] + by) % sets.counts[:, None, None]
-            number = np.zeros(by.shape[1:], np.int64)
-            for n, cells in zip(sets.counts.tolist(), rows, strict=False):
-                number = number * n + cells
-            words = sets.pool[row[number], last >> 6]
-            out[own] = (words >> (last & 63).astype(np.uint64) & np.uint64(1)).all(axis=1)
-    return out
-
-
-def not_nearer(sets: Argument, step: int, within: int, cells: Array) -> Array:
-    """Of cells of S_k^n, flat numbers, those that no clear input leads on."""
-    inside = partial(all_in, sets, sets.row(step + 1, within - 1))
-    for j in range(sets.problem.count):
-        if not cells.size:
+    left = np.arange(begin.shape[1])
+    for by in np.ndindex(*wide.max(axis=1, initial=1)):  # of the widest box
+        by_own = np.minimum(np.array(by)[:, None], wide[:, left] - 1)
+        *rows, last = (begin[:, left] + by_own) % sets.counts[:, None]
+        number = np.ravel_multi_index(rows, sets.counts[:-1]) if rows else np.zeros(left.size, np.int64)
+        words = sets.pool[row[number], last >> 6]
+        left = left[(words >> (last & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)]
+        if not left.size:
             break
-        cells = cells[~sets.leads(cells, step, j, inside)]
-    return cells
+    return np.isin(np.arange(begin.shape[1]), left)
 
 
 def of_inputs(sets: Argument, drawn: Mapping[int, Array], rng: np.random.Generator) -> Iterator[tuple[int, list[str]]]:
-    """Yield how many claims of moves, clear inputs and arrivals were looked at, and a text for each that is not proved.
+    """Yield what `of_an_input` says of every input at some step, and of every step under some input.
 
-    Every input at some step, and every step under some input.
+    drawn : by step cells of which something is promised.
     """
     inputs, steps = rng.permutation(sets.problem.count).tolist(), rng.permutation([*drawn]).tolist()
     tasks = range(max(len(inputs), len(steps)) if steps else 0)
@@ -203,24 +189,22 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
     What stays open is asked again by finer pieces of the interval.
     """
     start, cells = min(step, len(sets.low) - 1), np.array(np.unravel_index(numbers, sets.counts))
-    left = [Asked(MOVES, sets.strides, np.unique(sets.strides @ cells), partial(moves_hold, sets, start, j))]
+    left = [Drawn(MOVES, sets.strides, np.unique(sets.strides @ cells), partial(sets.moves_hold, start, j))]
     for one in sets.clear:
-        strides, said = sets.strides_of(one.own), one.of(step, j)
+        strides = sets.strides_of(one.own)
         clear = np.unique(strides @ cells)
-        left.append(Asked(CLEAR, strides, clear[said[clear]], partial(clear_of, sets, one, step, j)))
+        clear = clear[marked(one.bits, step, j, clear)]
+        left.append(Drawn(CLEAR, strides, clear, partial(clear_of, sets, one, step, j)))
     if len(sets.arrives):
         at, sites = min(step, len(sets.arrives) - 1), np.unique(sets.sites @ cells)
-        sites = sites[sets.arrives[at, sites, j // 8] >> np.uint8(j % 8) & 1 == 1]
-        left.append(Asked(ARRIVE, sets.sites, sites, lambda own, tubes: sets.arrivals_hold(own, at, tubes)))
+        sites = sites[marked(sets.arrives, at, j, sites)]
+        left.append(Drawn(ARRIVE, sets.sites, sites, partial(sets.arrivals_hold, at)))
     looked = sum(one.numbers.size for one in left)
     for pieces in FINENESS:
         places = np.unique(np.concatenate([sets.strides @ sets.cells_at(one.numbers, one.strides) for one in left]))
         if not places.size:
             break
-        rows = np.empty(sets.low.shape[2], np.int64)
-        rows[places] = np.arange(places.size)
-        swept, last = sets.driven(places, j, start, pieces)
-        tubes = Tubes(rows, swept, farthest(swept), last)
+        tubes = sets.tubes(places, j, start, pieces)
         left = [one._replace(numbers=one.numbers[~one.hold(one.numbers, tubes)]) for one in left if one.numbers.size]
     texts = [
         f"{one.name}: input {j}, {named(step, own, np.where(one.strides, sets.counts, 1))}"
@@ -230,18 +214,13 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
     return looked, texts
 
 
-class Asked(NamedTuple):
+class Drawn(NamedTuple):
     """Claims of one kind of cells on some axes: by their numbers, and what tells with tubes of which they hold."""
 
     name: str
     strides: Array
     numbers: Array
     hold: Callable[[Array, Tubes], Array]
-
-
-def moves_hold(sets: Argument, start: int, j: int, places: Array, tubes: Tubes) -> Array:
-    """Whether all that cells at places (M,) are led to lies in the cells that the file says: (M,)."""
-    return sets.moves_hold(places, start, j, tubes.last[:, :, tubes.rows[places]])
 
 
 def clear_of(sets: Argument, one: Clear, step: int, j: int, numbers: Array, tubes: Tubes) -> Array:

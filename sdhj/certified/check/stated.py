@@ -40,7 +40,7 @@ Times = tuple[float, float]
 
 
 def entry(what: str, given: Any, needed: str, may_have: str = "") -> Mapping[str, Any]:
-    """An entry of the head, which must have all fields `needed`, and no others but `may_have`."""
+    """An entry of the head, which must have all fields `needed`, a text of names, and no others but `may_have`."""
     expect(isinstance(given, dict), f"{what} must be an entry with fields", given)
     lacks = [name for name in needed.split() if name not in given]
     expect(not lacks, f"{what} must have the fields {needed.replace(' ', ', ')}", [*given])
@@ -146,8 +146,8 @@ class Part:
 class Problem:
     """The problem of a file: axes, inputs, interval, sensing, the functions of velocities, target and unsafe sets.
 
-    ends : the names of both ends of each axis. count : of inputs. target, unsafe : a `Part` or None, and a list of
-    `Part`.
+    lower, upper, spacing (ndim,), periodic (ndim,) bool, ends : of each axis, the last the names of both ends.
+    delta, steps, count : the interval, s, how many there are, and how many inputs. target, unsafe : of `Part`.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any) -> None:
@@ -159,9 +159,7 @@ class Problem:
         expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
         self.read_inputs(head["inputs"])
         self.read_sensing(entry("sensing", head["sensing"], "", "error delay jitter rest memory"))
-        formulas = entry(
-            "formulas", head["formulas"], "format functions opaque", "pieces"
-        )  # those of methods on a grid
+        formulas = entry("formulas", head["formulas"], "format functions opaque", "pieces")  # these of other methods
         expect(is_whole(formulas["format"], 1, 1), "formulas must be of format 1", formulas["format"])
         self.texts, self.opaque = dict(formulas["functions"]), dict(formulas["opaque"])
         both = [name for name in self.opaque if name in self.texts]
@@ -193,11 +191,8 @@ class Problem:
 
     def read_inputs(self, given: Any) -> None:
         """Read the inputs, rows of as many numbers each."""
-        expect(
-            isinstance(given, list) and 1 <= len(given) <= MOST_INPUTS,
-            f"there must be 1 to {MOST_INPUTS} inputs",
-            given,
-        )
+        fits = isinstance(given, list) and 1 <= len(given) <= MOST_INPUTS
+        expect(fits, f"there must be 1 to {MOST_INPUTS} inputs", given)
         size = len(given[0]) if isinstance(given[0], list) else -1
         self.inputs = [reals("an input", one, size) for one in given]
         self.count = len(self.inputs)
@@ -344,8 +339,7 @@ class Problem:
                 f"measured up to {error}, late by {self.delay:.9g} s, a clock off by {self.jitter:.9g} s; {remembers}"
             )
         shown.append(f"{self.count} inputs:")
-        shown += [f"  u{j} = ({', '.join(f'{one:.9g}' for one in u)})" for j, u in enumerate(self.inputs[:MOST_LINES])]
-        shown += [f"  and {self.count - MOST_LINES} more"] * (self.count > MOST_LINES)
+        shown += shortened([f"u{j} = ({', '.join(f'{one:.9g}' for one in u)})" for j, u in enumerate(self.inputs)])
         shown += self.velocity_as_text()
         for part in self.parts:
             when = "" if part.inputs is None else f" under {', '.join(f'u{j}' for j in part.inputs)}"
@@ -445,7 +439,7 @@ def written(
     if node.name in ("sqr", "power"):
         return 6, f"{within(0, 7)}^{node.given[0] if node.name == 'power' else 2}"
     if node.name == "gridded":
-        table, lower, spacing, _ = node.given
+        table, lower, spacing = node.given
         size = " x ".join(map(str, table.shape))
         return 9, f"table[{size}, from {lower}, by {spacing}]({', '.join(text for _, text in operands)})"
     return 9, f"{node.name}({', '.join(text for _, text in operands)})"

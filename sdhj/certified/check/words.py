@@ -30,24 +30,17 @@ from sdhj.certified.check.reading import expect
 MAGIC, HEAD = b"sdhjcell", 560
 FIELDS = ("steps", "select", "safe", "filter", "clear")
 UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
+AT_ONCE = 1 << 20  # cells that are looked at at once
 
 
 class Words:
-    """A file that `sdhj export` wrote, as it was read: the numbers of its head, its blocks and words, and its images.
+    """A file that `sdhj export` wrote, as it was read.
 
-    starts, leads : how many steps have words and images of their own. counts, sides, blocks (ndim,) : of cells, of a
-    block's cells, and of blocks. lower, upper, width, length, error, slack : (ndim,), in the axes' units: where
-    cells begin, where the grid
-        ends, how wide a cell is, after what length the axis closes, the error of a measurement, and how far beside a
-        cell a state still counts as in it. delta : the interval, s. inputs (L, m). problem : its digest, a text.
-    periodic : (ndim,). layers : (ndim, 2), those at the lower and at the upper end. safe_ends : (ndim,), 1 for the
-        lower end and 2 for the upper. brake : the input that is applied where nothing is known.
-    index : (starts, *blocks), the number of each block's body. bodies : (bodies, cells of a block) uint32, the numbers
-        of the words of a block's cells.
-    fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,), fields
-        of inputs as (words, L).
-    images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
-        index; leads is 0 where there are none. reads : (ndim, ndim), on which axes the images along one depend.
+    steps, starts, leads : how many there are, how many with words, and how many with images of their own.
+    counts, sides, blocks : along each axis, of cells, of a block's cells, and of blocks; (ndim,) int each.
+    index : (starts, *blocks), of each block's body. bodies : (bodies, cells of a block) uint32, the numbers of words.
+    fields : by name, of each word; "steps" and "select" as (words,) int64, fields of inputs as (words, L) bool.
+    images : for each axis (leads, L, cells of axes in `reads`, 2), the first and the last cell, less the cell's own.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -97,19 +90,22 @@ class Words:
         fits = self.brake < inputs and bool(((chosen < inputs) | (chosen == NO_INPUT) | (chosen == ARRIVED)).all())
         expect(fits, "inputs of the exported table must be numbers of inputs", self.brake)
 
-    def ids(self, start: int) -> Array:
-        """The number of each cell's word at a step, the last axis fastest."""
-        ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
+    def ids(self, start: int) -> Iterator[tuple[slice, Array]]:
+        """Yield of some flat cells at a time, a slice, the numbers of their words at a step < `starts`, (M,) uint32."""
+        ndim, row = len(self.counts), int(self.sides[0] * math.prod(self.counts[1:].tolist()))
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
-        whole = blocks.transpose(order).reshape(self.blocks * self.sides)
-        return np.ascontiguousarray(whole[tuple(slice(n) for n in self.counts)]).ravel()
+        many = max(AT_ONCE // row, 1)
+        for first in range(0, int(self.blocks[0]), many):
+            index = self.index[start, first : first + many]
+            blocks = self.bodies[index].reshape(*index.shape, *self.sides).transpose(order)
+            begin, past = first * self.sides[0], min((first + many) * self.sides[0], self.counts[0])
+            own = blocks.reshape(np.array(index.shape) * self.sides)[: past - begin]
+            own = own[(slice(None), *map(slice, self.counts[1:]))].ravel()
+            yield slice(int(begin) * row // int(self.sides[0]), int(past) * row // int(self.sides[0])), own
 
 
 def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """The version and all the bytes of an exported file; ValueError if the version or a digest does not fit.
-
-    OSError without a file.
-    """
+    """The version and all the bytes of an exported file, whose digests are right."""
     path = Path(path) / "sdhj_table.bin" if Path(path).is_dir() else Path(path)
     if not path.is_file():
         raise FileNotFoundError(
@@ -135,7 +131,7 @@ def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
 
 
 def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words by name: "steps" and "select" as (words,), others as bool (words, inputs)."""
+    """The fields of words by name, as `Words` has them; found : the bytes of each, (words, bytes) uint8."""
     return {
         name: _numbers(some.tobytes(), some.shape[1])
         if name in ("steps", "select")
@@ -151,9 +147,9 @@ def _numbers(data: bytes, width: int) -> Array:
 
 
 def _body(data: bytes, at: int, cells: int, width: int) -> Array:
-    """The numbers of the words of a block's cells, (cells,) uint32, from the block's body, which begins at data[at].
+    """The numbers of the words of a block's cells, (cells,) uint32, from its body, which begins at data[at].
 
-    A body is a palette of numbers of words, and for each cell its entry there. ValueError where it is none.
+    A body is a palette of numbers of words, of `width` bytes each, and for each cell its entry there.
     """
     expect(at + 3 <= len(data), "bodies must be whole", at)
     bits, colours = struct.unpack_from("<BH", data, at)
@@ -170,10 +166,9 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
 def claims_of_inputs(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Yield each field of inputs that lead on: its name, the inputs of each word, and the steps to go that it claims.
+    """Yield each field of inputs that lead on: its name, the inputs of each word, and of each cell the steps to go.
 
-    (name, (words, L), (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
-    set with one step less to go; nothing is claimed of a cell with 0.
+    fewest (cells,) : the steps to go by the table's file, more than `left` where there are none.
     """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
@@ -190,7 +185,7 @@ def claims_of_inputs(
 def claims_of_steps(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, int, Array]]:
-    """Yield each field that claims cells to be in a set: its name, how many claims, and the cells where false."""
+    """Yield each field that claims cells to be in a set: its name, how many claims it makes, and where they fail."""
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
         made = steps != UNPROVED
@@ -202,9 +197,8 @@ def claims_of_steps(
 
 
 def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> Iterator[Claim]:
-    """Yield all claims of an exported table, checked against the sets of the table's file.
+    """Yield all claims of an exported table, checked against the table's file; only the first where heads differ.
 
-    Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
     every : whether what the file says of cells that are not promised is proved as well.
     """
     wrong = differences(words, sets)
@@ -217,7 +211,7 @@ def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> It
             for name, one in of_a_start(words, sets, start, every):
                 found[name].add(one)
     for name, own in found.items():
-        yield Claim(f"exported: {name}", own.made, own.checked, own.wrong, own.failed, beside=own.beside)
+        yield own.claim(f"exported: {name}")
     if words.leads:
         made = sum(own[..., 0].size for own in words.images)
         yield Claim("exported: images", made, made, list(images_differ(words, sets)))
@@ -225,30 +219,29 @@ def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> It
 
 def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterator[tuple[str, Count]]:
     """Yield what the words of a step claim, counted, by fields: some of them several times."""
-    ids, left, none = words.ids(start), words.steps - start, sets.problem.target is None
-    fewest = steps_to_go(sets, start, left, none)
-    for name, made, bad in claims_of_steps(words, ids, fewest, left, none):
-        yield name, counted(made, bad, f"start {start}, cell")
-    if "clear" in words.fields:
-        clear = sets.clear_inputs(start)
-        said = words.fields["clear"][ids]
-        promised = sets.promised([start]).ravel() if left and not every else np.full(len(ids), every)
-        own = counted(
-            int(said[promised].sum()),
-            np.flatnonzero((said & ~(clear & (left > 0))).any(axis=1)),
-            f"start {start}, cell",
-        )
-        own.beside = int(said.sum()) - own.made
-        yield "clear", own
-    several = list(claims_of_inputs(words, ids, fewest, left, none))
-    for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
+    left, none = words.steps - start, sets.problem.target is None
+    fewest, where = steps_to_go(sets, start, left, none), f"start {start}, cell"
+    promised = sets.promised([start]).ravel() if left and not every else np.full(len(fewest), every)
+    for cells, ids in words.ids(start):
+        for name, made, bad in claims_of_steps(words, ids, fewest[cells], left, none):
+            yield name, counted(made, cells.start + bad, where)
+        if "clear" in words.fields:
+            said, at = words.fields["clear"][ids], np.array(np.unravel_index(np.r_[cells], sets.counts))
+            clear = np.array([sets.is_clear(start, j, at) for j in range(sets.problem.count)]).T & (left > 0)
+            bad = cells.start + np.flatnonzero((said & ~clear).any(axis=1))
+            own = counted(int(said[promised[cells]].sum()), bad, where)
+            own.beside = int(said.sum()) - own.made
+            yield "clear", own
+    for ahead in range(left + 1):
         leads = ahead > 0 and left > 0
         all_in = partial(sets.all_in, sets.sums(sets.bits(start + 1, ahead - 1)) if leads else None)
-        for name, some, steps in several:
-            for j in range(sets.problem.count):
-                cells = np.flatnonzero((steps == ahead) & some[ids, j])
-                good = sets.leads(cells, start, j, all_in) if leads else np.zeros(cells.size, np.bool_)
-                yield name, counted(cells.size, cells[~good], f"start {start}, input {j}, cell")
+        for cells, ids in words.ids(start):
+            for name, some, steps in claims_of_inputs(words, ids, fewest[cells], left, none):
+                asked = steps == ahead
+                for j in range(sets.problem.count if asked.any() else 0):
+                    own_cells = cells.start + np.flatnonzero(asked & some[ids, j])
+                    good = sets.leads(own_cells, start, j, all_in) if leads else np.zeros(own_cells.size, np.bool_)
+                    yield name, counted(own_cells.size, own_cells[~good], f"start {start}, input {j}, cell")
 
 
 def counted(made: int, bad: Array, what: str) -> Count:
@@ -260,7 +253,7 @@ def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
     """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none."""
     if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
-    out = np.full(math.prod(sets.counts.tolist()), left + 1)
+    out = np.full(math.prod(sets.counts.tolist()), left + 1, np.int32)
     for within in range(left, -1, -1):
         out[sets.bits(start, within)] = within
     return out
@@ -278,10 +271,7 @@ def images_differ(words: Words, sets: Argument) -> Iterator[str]:
 
 
 def differences(words: Words, sets: Argument) -> list[str]:
-    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file.
-
-    Of the slack it is asked only that it is not more than the file's.
-    """
+    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file."""
     robot, axes = sets.problem, [*zip(sets.axes, sets.layers, strict=True)]
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),

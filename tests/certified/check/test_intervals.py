@@ -202,7 +202,7 @@ def test_tables_are_interpolated(shape, exact, rng, monkeypatch):
     centre = lower + length * rng.uniform(-0.2, 1.2, (60, n))
     half = length * rng.choice([0.0, 0.01, 0.1, 0.4, 2.0], (60, 1)) * rng.random((60, n))
     low, high = centre - half, centre + half
-    least, most = gridded(list(zip(low.T, high.T, strict=True)), table, lower, spacing, {})
+    least, most = gridded(list(zip(low.T, high.T, strict=True)), table, lower, spacing)
     for box in range(60):
         own = [[low[box, k], high[box, k]] for k in range(n)]
         for k in range(n):
@@ -211,5 +211,5 @@ def test_tables_are_interpolated(shape, exact, rng, monkeypatch):
         assert least[box] <= min(found) and max(found) <= most[box]
         if exact == 256:
             assert min(found) - 1e-12 <= least[box] and most[box] <= max(found) + 1e-12
-    undefined = gridded([(np.array([np.nan]),) * 2] * n, table, lower, spacing, {})
+    undefined = gridded([(np.array([np.nan]),) * 2] * n, table, lower, spacing)
     assert np.isnan(undefined).all()

@@ -513,8 +513,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     "where a lower layer is": ("argument", "float(lower - self.layers[k][0] * width)", "float(lower)", "standing"),
     "moves that do not hold": (
         "argument",
-        "open_moves[places] &= ~",
-        "open_moves[places] &= False & ~",
+        "moved, places = partial(self.moves_hold, start, j),",
+        "moved, places = lambda some, _: some >= 0,",
         "a stronger push",
     ),
     # 10: measurements that err
@@ -569,7 +569,7 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "no late end",
     ),
     "an early end": ("argument", "soonest = self.length - 4 * robot.jitter", "soonest = self.length", "no early end"),
-    "all ends from the earliest on": ("argument", "farther(ending, moved)", "moved", "no early end"),
+    "all ends from the earliest on": ("argument", "farthest(np.array([ending, moved]))", "moved", "no early end"),
     "what is told of predictions": (
         "argument",
         "self.problem.count, self.far_off())",
@@ -615,8 +615,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     # 4: clear
     "what is on the way": (
         "argument",
-        "reached, ending = farther(reached, moved),",
-        "reached, ending = reached,",
+        "reached = farthest(np.array([reached, moved]))",
+        "pass",
         "a post not met at the end",
     ),
     "both halves of a box": (
@@ -758,8 +758,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     ),
     "arrivals are looked at": (
         "argument",
-        "sites.reshape(-1)[own_sites] = ~self",
-        "sites.reshape(-1)[own_sites] = False & ~self",
+        "partial(failing, partial(self.arrivals_hold, step))",
+        "partial(failing, lambda some, _: some >= 0)",
         "an arrival more",
     ),
     "where a cell arrives": (
@@ -777,8 +777,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     "when a cell arrives": ("argument", "self.sites), self.time(step + 1)", "self.sites), self.time(0)", "tide"),
     "arrivals of each time": (
         "argument",
-        "(range(len(self.arrives)) if always else [start])",
-        "([0] if always else [start])",
+        "range(len(marks)) if len(self.low) == 1 else",
+        "[0] if len(self.low) == 1 else",
         "arrivals of a target that moves",
     ),
     # 3: steps
@@ -788,8 +788,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     "every cell of an image": ("argument", "return counted == size", "return counted > 0", "a cell more"),
     "inputs that are clear": (
         "argument",
-        "out &= one.of(step, j)[self.strides_of(one.own) @ cells]",
-        "pass",
+        "out = self.is_clear(step, j, cells)",
+        "out = np.ones(cells.shape[1], np.bool_)",
         "a cell of which no input is clear",
     ),
     "the next set": (
@@ -818,7 +818,7 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "past the upper end by less than a cell",
     ),
     "only safe ends": ("argument", "(past[k] < 0) & self.safe[k, 0]", "(past[k] < 0)", "past a wall"),
-    "arrivals count": ("argument", "inside |= marks >> np.uint8(j % 8) & 1 == 1", "pass", "thin"),
+    "arrivals count": ("argument", "inside |= marked(self.arrives, step, j, self.sites @ cells)", "pass", "thin"),
     # black boxes
     "values above what is stated": (
         "stated",

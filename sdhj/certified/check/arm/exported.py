@@ -118,7 +118,7 @@ def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int
     ahead = np.zeros((2, *every.shape), np.int16)
     marks = np.zeros((4, len(next(iter(words.fields.values()))), count), np.bool_)
     for start in range(words.starts):
-        ids, left = words.ids(start), words.steps - start
+        ids, left = np.concatenate([own for _, own in words.ids(start)]), words.steps - start
         fewest = steps_to_go(sets, start, left, False)
         for name, made, bad in claims_of_steps(words, ids, fewest, left, False):
             yield name, made, [f"start {start}, cell {cell}" for cell in bad]
