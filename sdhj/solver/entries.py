@@ -356,8 +356,9 @@ def completed_here(folder: Folder, rows: Iterable[list[Part]], needs: Any) -> It
 
 @lru_cache(maxsize=1)
 def folder_of(pickled: bytes) -> Folder:
-    """The folder of a pickled (path, problem, method), made once in a worker."""
-    return Folder(*importlib.import_module("cloudpickle").loads(pickled))
+    """The folder of a pickled (name, path, problem, method), made once in a worker."""
+    _, *given = importlib.import_module("cloudpickle").loads(pickled)
+    return Folder(*given)
 
 
 def complete_alone(pickled: bytes, part: Part, *needed: Any) -> None:
@@ -375,7 +376,8 @@ def completed_by(
     and another one gets its part; of an error what has not begun is cancelled.
     """
     workers = list(client.scheduler_info()["workers"])
-    given = folder.path, folder.parts.problem, folder.parts.method
+    # by a name of its own, made anew for entries: games keep velocities, and those of the avoid tubes are of all inputs
+    given = uuid.uuid4().hex, folder.path, folder.parts.problem, folder.parts.method
     pickled = importlib.import_module("cloudpickle").dumps(given)
     flying, left = importlib.import_module("distributed").as_completed(), list[int]()
     futures, came_from = dict[Part, Any](), dict[str, tuple[Part, int]]()
