@@ -677,6 +677,7 @@ FORGERIES: dict[str, Forgery] = {
     "a speed that grows": Forgery("cart", MOVES, shifts("high", -1, j=2, place=11)),
     "states near a cell": Forgery("sliding", MOVES, edit("high", lambda moves: moves[0, 0, 0, :1].fill(1))),
     "a little later": Forgery("surge", MOVES, narrower(-2, 2)),
+    "a little sooner": Forgery("surge", MOVES, narrower(2, -2)),
     "two that push": Forgery("drone", MOVES, becomes=lambda: drone(push=(0.1, 0.3))),
     # layers
     "a layer at an end that is no wall": Forgery(

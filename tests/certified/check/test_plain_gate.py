@@ -468,6 +468,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "(begun + begin, begun + begin)",
         "a little later",
     ),
+    "the whole time of a piece, from its begin": (
+        "argument",
+        "(begun + begin, begun + end)",
+        "(begun + end, begun + end)",
+        "a little sooner",
+    ),
     "finer where it is open": ("argument", "FINENESS = 1, 8, 16", "FINENESS = (1,)", "cart"),
     "room to stay in": ("argument", "fits = ~known |", "fits = np.bool_(True) |", "less growth"),
     "all that is reached from the box": (
