@@ -730,6 +730,7 @@ FORGERIES: dict[str, Forgery] = {
     ),
     "out by the upper end": Forgery("line", CLEAR, clears(2, 79)),
     "out by the lower end": Forgery("line", CLEAR, clears(0, 0)),
+    "out by an end of the second axis": Forgery("plane", CLEAR, clears(3, 450)),
     "a post that comes later": Forgery("crossed", CLEAR, only_clear(1, 56, step=2)),
     "a post that comes meanwhile": Forgery("crossed", CLEAR, only_clear(2, 50, step=2)),
     "a post beside an uncertain clock": Forgery("sensed", CLEAR, beside_the_post(1, 2)),

@@ -722,6 +722,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "True",
         "out by the upper end",
     ),
+    "ends of every axis": (
+        "argument",
+        "for k in axes_of(one.ends):",
+        "for k in axes_of(one.ends)[:1]:",
+        "out by an end of the second axis",
+    ),
     "how near past an end": ("argument", "ROOM = 1e-6", "ROOM = 10.0", "out by the lower end"),
     "what is not clear": ("argument", "return bad & asked", "return bad & ~asked", "the second post"),
     "a tile is met where a cell is": ("argument", "self.ends(last)[1]", "self.ends(first)[1]", "the second post"),
