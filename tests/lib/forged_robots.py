@@ -768,6 +768,7 @@ FORGERIES: dict[str, Forgery] = {
     "a set that wins a cell": Forgery(
         "cart", GROW, sets(lambda found: found[0].__setitem__(tuple(np.argwhere(found[1])[0]), False))
     ),
+    "a late set that has all cells": Forgery("tide", NEARER, sets(lambda found: found[8].fill(True))),
     "a late set that loses a cell": Forgery(  # S_2^1 one of S_2^0
         "tide", GROW, sets(lambda found: found[8].__setitem__(tuple(np.argwhere(found[7])[0]), False))
     ),

@@ -810,6 +810,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "self.sums(self.bits(step, within - 1))",
         "a step into sets of another time",
     ),
+    "steps of late sets": (
+        "argument",
+        "int(asked.sum()), 0, len(wrong), wrong",
+        "int(asked.sum()), 0, 0 if step else len(wrong), wrong",
+        "a late set that has all cells",
+    ),
     "what stays is new each time": (
         "argument",
         "if self.problem.target is not None:\n            new =",
