@@ -65,7 +65,7 @@ def choose_by_true_sets(
 ) -> None:
     """Check some rows (R,) of a batch by the true sets, in place, as the compiled `decide` does for formulas."""
     # Nearly always the first input passes, in 36,868 of 36,878 looks. For a network beside a car with six inputs, the
-    # points of all inputs before `decide` would be 5.6 times as many: 1.6 times the CPU of runs, measured.
+    # points of all inputs before `decide` would be 5.6 times as many: an estimated 1.6 times the CPU of runs.
     problem, (ints, floats) = table.problem, table.tape_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points
