@@ -96,7 +96,11 @@ class Arrivals:
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _moved_indices(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
-        """The indices along one axis of cells (M, ndim), moved on by `by` (M,): broadcasts to (M, *free)."""
+        """The indices along one axis of cells (M, ndim), moved on by `by` (M,): broadcasts to (M, *free).
+
+        Along a `free` axis all cells are listed; `_mark` asks `bounds.inside` about these, so that a wrong index can
+        lose an arrival and never prove one.
+        """
         cells, shape = self.proof.axes[axis], [-1] + [1] * len(free)
         at = (own[:, axis] + by).reshape(shape)
         if axis in free:

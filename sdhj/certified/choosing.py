@@ -79,7 +79,8 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         return small and sum(seconds_taken(problem, axes, parts)) < CORES * seconds
 
     def spread(given: Mapping[int, int]) -> tuple[int, ...]:
-        # as many cells as are paid for, with the numbers `given` of some axes; the fewest where none are
+        # As many cells as are paid for, with the numbers `given` of some axes: by bisection of the exponent of a factor
+        # that all axes share. While none are paid for, they are the last that were tried, which are the fewest.
         low, high, paid, cells = -20.0, 40.0, False, tuple[int, ...]()
         for _ in range(TRIALS):
             middle = (low + high) / 2
@@ -118,7 +119,11 @@ def lost_to_width(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _led(problem: ReachAvoidProblem) -> dict[int, float]:
-    """Of axes with one velocity, {axis: how far every input that moves it about as far as any is sure to}."""
+    """{axis: a distance}, of each axis with one velocity that is surely moved.
+
+    It is the least distance that an input is sure to lead it in an interval, of those that move it at least `FAR` times
+    as far as the fastest.
+    """
     out = dict[int, float]()
     for axis in (k for k in range(problem.grid.ndim) if is_steady(problem, k)):
         ends = np.array([moved_bounds(problem, axis, j) for j in range(len(problem.inputs))], float)

@@ -295,7 +295,8 @@ def file_of(
 ) -> bytes:
     """The bytes of `sdhj_table.bin`: the head with its digest, and the parts that the module docstring names.
 
-    ValueError above 4 GB.
+    ValueError above 4 GB. Three readers know these offsets and change with them: `sdhj_open` in sdhj.h, `Words` in
+    `sdhj.certified.check.words`, and `header_of`, which takes the digest.
     """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
@@ -303,7 +304,7 @@ def file_of(
     order = np.array([brake, *order[order != brake]])
     index = np.array(packer.index, "<u4").view(np.uint8).reshape(-1, 4)[:, :index_bytes]
     lengths = [len(body) for body in packer.bodies]
-    bodies = b"".join(packer.bodies) + bytes(2)
+    bodies = b"".join(packer.bodies) + bytes(2)  # as `sdhj_entry` reads three bytes of any entry, also of the last
     starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
     at_bytes, tests = _bytes_for(int(starts[-1]) + 1), answered_states(table, fields, rule, brake)
     leads, reads, images = images_of(table) if problem.sensing.remembers else (0, [0] * ndim, [])

@@ -299,7 +299,8 @@ class GeneralProof(Images):
     ) -> "GeneralProof":
         """The proof whose arrays are in an open file; its arrays are read-only.
 
-        What is stated, shapes and types must fit the problem and its cells; the bits of the arrays are not checked.
+        What is stated, shapes and types must fit the problem and its cells; the bits of the arrays are not checked, nor
+        that `own` is right (the shapes of the arrays rest on it) and `unsure`, which is not read: the checker does.
         """
         if unknown := stated.keys() - {"parts", "own", "unsure", "clear", "arrives"}:
             raise ValueError(

@@ -76,7 +76,7 @@ def words_of(
 
     The inputs of a word are those proved to leave max(steps to go, within) - 1 steps, or with `CLEAR` to stay clear,
     and only those `among` other words; a cell that is not certified has `NOTHING`. By the rule None the one of least
-    index is preferred.
+    index is preferred. `lines` says that the cells come in lines along `proof.along`, which takes less time.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)

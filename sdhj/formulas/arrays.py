@@ -582,6 +582,7 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
     xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
     x = np.clip(x, xp[0], xp[-1])
     slopes, out = np.diff(fp) / np.diff(xp), fp[-1]
+    # x is clipped to its piece once more, as bounds over a box would else be those of the piece's whole line
     for k in reversed(range(len(slopes))):
         out = np.where(x < xp[k + 1], fp[k] + slopes[k] * (np.clip(x, xp[k], xp[k + 1]) - xp[k]), out)
     return out

@@ -154,6 +154,7 @@ def _users_modules() -> list[dict[str, Any]]:
         for name, module in list(sys.modules.items()):
             # of a compiled module, which is left out, np.empty has to return an array: it does not ask
             file = getattr(module, "__dict__", {}).get("__file__") or ""
+            # the functions of `sdhj.arm` call np.min of lists of traced arrays, as those of users may
             users = name.startswith("sdhj.arm.") if name.startswith("sdhj.") else not arrays.installed(file)
             if file.endswith(".py") and users:
                 found.append(vars(module))

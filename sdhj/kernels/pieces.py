@@ -55,7 +55,8 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
 def narrow_to_face(ends, velocity, h, side, axis, shell, box):
     """Narrow `box`, in place, along an axis to where the state that is first (side 0), or last (1), can be within h.
 
-    ends[side] + h [min(velocity, 0), max(velocity, 0)], and an eighth of `shell`, a number, more.
+    ends[side] + h [min(velocity, 0), max(velocity, 0)], and an eighth of `shell`, a number, more. The velocity in this
+    face alone moves the end on (Mueller's theorem, `Images._piece`): a wider box is safe and a narrower one is not.
     """
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]

@@ -292,7 +292,8 @@ def _worst_values(values, state, ends, column, normals, order, lattice, scratch,
     """out[j] = the maximum of the interpolated values (size,) over what input j leads to from a state: its margin.
 
     That is a box, with points of segments, or slabs between planes; the box around these where a wall may hold a state,
-    or there are too many.
+    or there are too many. inf where that may be past an unsafe end, -inf wholly past a safe one. `hull_of` has written
+    scratch.hull[column] before: only the nodes that it touches are gathered.
     """
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
@@ -381,7 +382,7 @@ def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order
     """Write to entry m of `out` the answers for states[m] by the tubes alone, not by the true sets; within >= 1."""
     to_go, safe, margins, best = out
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
-    here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
+    here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.batches.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
     to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
     if not on_grid(state, lattice):
@@ -435,7 +436,7 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """"""
+    """A `LookupScratch` for so many columns of boxes; `held` says past which ends states are held (`Lattice`)."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis

@@ -116,7 +116,7 @@ def number_records(records, known, used, slots, out):
     """out[i] = the number of records[i] (bytes,) among the `used` known ones; new ones are added, in place.
 
     Returns how many are known then, or -1 where there is no room: then nothing in `out` counts. slots (K,) : a hash
-    table of numbers, -1 for none, K a power of two above `most`; in place.
+    table of numbers, -1 for none, K a power of two above the rows of `known`; in place.
     """
     for i in range(records.shape[0]):
         if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are

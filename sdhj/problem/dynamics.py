@@ -161,6 +161,8 @@ class Dynamics(ReadOnly):
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
                 u, v = self.inputs[j], np.linspace(-0.5, 0.5, vector_field.disturbance_dim)
 
+                # The user's function as `compare` calls a formula: points, t, then each component of v; broadcast, as
+                # an answer may lack the axis of points. It is called within this turn of the loop only.
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
                 ) -> Any:

@@ -95,9 +95,9 @@ class Part(NamedTuple):
         return f"{self.kind}-{self.step}-{self.within}" + (f"-{self.share}" if self.kind == "share" else "")
 
 
-def shares_of(entry: Part) -> list[Part]:
+def shares_of(part: Part) -> list[Part]:
     """The shares of an entry."""
-    return [entry._replace(kind="share", share=share) for share in range(entry.shares)]
+    return [part._replace(kind="share", share=share) for share in range(part.shares)]
 
 
 class Folder:

@@ -243,7 +243,8 @@ class GridParts:
         met = set[int]()
         wide = len(out), *samples.grid.subgrid(axes).shape
         total = out if out.shape == wide else self.empty(wide, self.dtype)
-        # one on all axes first, which is written where it stays
+        # One on all axes and on this grid comes first and is played into `total` itself; of every other one there is an
+        # array, to which `total` is raised. Ends, which are on a wide grid, count as no set that is met.
         some = sorted(self.dangers[name], key=lambda one: one.axes != axes or one.samples is not samples)
         for number, danger in enumerate(some):
             own = danger.samples is samples

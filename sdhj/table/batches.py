@@ -343,6 +343,7 @@ class Table(ReadOnly):
         """Fill in some rows (R,) of a batch in place, and check them by the true sets; called from several threads.
 
         `best` becomes the safe input of least score (M, L) that passes; inputs of less score are no longer `safe`.
+        `LookupTable` does the same by one compiled call, `decide`, where all sets are formulas: both have to agree.
         """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).displacement_sets(batch.states[rows])
         if checks == TRUE_SETS_TOO:

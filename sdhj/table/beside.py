@@ -41,7 +41,8 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     margins = np.zeros(hazards.shape)
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
-    some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
+    # two steps to go, as with one the target would have to be reached; -1 afterwards where the state itself is unsafe
+    some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)
     checked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
     table._fill_in_and_check(checked, hazards, TRUE_SETS_ONLY, rows)  # what fails comes last
     chosen, hazard = checked.best, hazards[rows, checked.best]

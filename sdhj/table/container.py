@@ -88,7 +88,10 @@ class Stated(NamedTuple):
 
 
 def header(kind: Any, shape: Sequence[int]) -> bytes:
-    """What stands before the numbers in an .npy file of version 1.0: `HEADER` bytes."""
+    """What stands before the numbers in an .npy file of version 1.0: `HEADER` bytes.
+
+    Readers compare these bytes, the checker with a copy of its own: another blank refuses all files written before.
+    """
     descr = np.dtype(kind).newbyteorder("<").str
     text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {tuple(map(int, shape))}, }}"
     return struct.pack("<6s2BH", b"\x93NUMPY", 1, 0, HEADER - 10) + text.encode().ljust(HEADER - 11) + b"\n"
@@ -178,7 +181,10 @@ def directory(members: Sequence[Member]) -> bytes:
 
 
 def head_text(head: Mapping[str, Any], stated: Mapping[str, Stated]) -> bytes:
-    """The bytes of problem.json: a head, with an entry "arrays" besides."""
+    """The bytes of problem.json: a head, with an entry "arrays" besides.
+
+    The checker has its first line a second time, on purpose (`BEGINNING` in `sdhj.certified.check.files`).
+    """
     about = {name: stated[name].entry for name in sorted(stated)}
     text = json.dumps(dict(head) | {"arrays": about}, sort_keys=True)[1:].encode() + b"\n"
     if len(text) > MOST_HEAD - 100:

@@ -229,6 +229,7 @@ class ArmProof(Proof):
             pursuer_clear(*still, motion.arm, motion.agent._replace(delta=0.0, speed=0.0), out)
             x, y = map(float, stage.target.centre(t))
             centre = Agent(0.0, 0.0, 0.0, x, y, 0.0, 0.0, 1, 1)  # a cell without width
+            # `inside` has one word for each pair of joint cells, 1 or 0: a product with it keeps a row or empties it
             tips_within(*still, stage.target.radius, motion.arm, centre, inside)
             out *= inside
         clear = clear_of_obstacles(self.problem, self.axes, np.full((3, 1), t), np.zeros((2, 1, 2)), 0.0)

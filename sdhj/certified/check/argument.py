@@ -651,6 +651,7 @@ class Argument:
         single = bool((first == last).all())
         cuts = [at + cut for cut in self.cuts(1)] if part.moving else [self.always[0]] * self.parts + [self.always[1]]
         late = self.problem.jitter if part.moving else 0.0
+        # once `near` for states that count as in a cell, once for the rounding of these sums
         box = self.whole(first, last, tubes) + OUT * 2 * self.near[:, None]
         good = self.outside(
             part, box[:, part.axes], (cuts[0] - late, cuts[-1] + late), WHOLE * (single and not part.moving)
@@ -861,7 +862,11 @@ class Argument:
         yield from (own.claim(name) for name, own in found.items() if name != ARRIVE or len(self.arrives))
 
     def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> dict[str, "Count"]:
-        """What is claimed of moves, clear inputs and arrivals under u_j from `start` on, counted by name."""
+        """What is claimed of moves, clear inputs and arrivals under u_j from `start` on, counted by name.
+
+        `ask` counts what is claimed and puts what is to be looked at into `left`, from which `take_out` removes what is
+        proved by finer and finer pieces: what stays has failed.
+        """
         found, left = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}, list[Asked]()
         chosen = chosen.reshape(self.counts)
 

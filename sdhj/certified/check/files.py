@@ -127,7 +127,7 @@ def expect_same(found: Any, written: Any, what: str) -> None:
 
 
 def mapped(path: str) -> memoryview:
-    """The bytes of a regular file, mapped."""
+    """The bytes of a regular file, mapped. `Damaged` if it is a link or none; a pipe is not waited for."""
     if os.path.islink(path) or not os.path.exists(path):
         raise Damaged(f"{path} must be a file")
     stream = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))

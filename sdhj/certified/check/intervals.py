@@ -322,6 +322,7 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
         own = np.moveaxis(values, axis, 0)
         begin, end = low[axis] - first[axis], high[axis] - first[axis] - (n - 2)
         least = (1.0 - begin) * own[0] + begin * own[1]
+        # in one statement: of two nodes own[-2] is own[0], which has to be read before it is replaced
         own[0], own[-1] = least, (1.0 - end) * own[-2] + end * own[-1]
     return np.stack([values.min(axis=each) - slack, values.max(axis=each) + slack])
 

@@ -278,7 +278,10 @@ def covering_disks(body: Body, tolerance: float) -> FloatArray:
 
 
 def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
-    """Some of the disks about the middles of squares (M, 2) such that each square lies in one."""
+    """Some of the disks about the middles of squares (M, 2) such that each square lies in one.
+
+    That needs radii above half of the squares' diagonals, as `covering_disks` makes them.
+    """
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
     covers = np.ones((len(able), len(squares)), np.bool_)

@@ -64,7 +64,10 @@ class Kept:
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
-        """The code that is kept under a key; None where a digest or the key does not fit. OSError without a file."""
+        """The code that is kept under a key; None where a digest or the key does not fit. OSError without a file.
+
+        Numba asks it in place of its own cache file; `compiled` takes every exception as a function to be compiled.
+        """
         whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
