@@ -51,6 +51,7 @@ def test_tubes_hold_every_sampled_motion(small, clear, rng):
     assert 0.0 < least < 0.01  # never met, and the bounds are not loose by a centimetre
 
 
+@pytest.mark.slow
 def test_goal_cells_are_inside_the_target(small, rng):
     problem, stage = small.problem, scene(small.problem)
     edges = [axis.edges() for axis in small.axes]
@@ -122,6 +123,7 @@ def test_evader_is_certified_too(rng):
     naive.assert_runs_succeed(table, states, rng)
 
 
+@pytest.mark.slow
 def test_every_certified_state_has_an_input(small, clear, rng):
     """In every certified cell, and exactly the inputs that the recursion found there, but for the halved margin."""
     problem, motion = small.problem, small.proof.motion

@@ -812,7 +812,7 @@ def ring(speed):
 
 LONG = ["images of too many cells", "a loop of a table that forgets", "no compiler", "a solve and no memory"]
 LONG += ["an ending", "a set below its sweep", "a velocity without bound"]
-LONG += ["a velocity that grows too fast"]
+LONG += ["a velocity that grows too fast", "an export onto a file"]
 ARRAY, TWO = np.zeros(3), [np.zeros(2), np.zeros(3)]
 REFUSED = [  # a call, what it says
     (

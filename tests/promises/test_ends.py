@@ -64,6 +64,7 @@ def test_hji_loses_next_to_nothing_where_the_robot_can_leave_the_grid(rng, distu
     assert lost["unsafe"] < 0.005
 
 
+@pytest.mark.slow
 def test_no_certified_start_is_lost(rng):
     method, outcomes = sdhj.Certified(cells=(120, 96)), {}
     for ends in ("wall", "unsafe"):

@@ -88,7 +88,7 @@ def test_what_is_true_is_proved(name, every, files, tmp_path):
     assert refusals(tmp_path / "true.npz", box_beside(name), every) == []
 
 
-@pytest.mark.parametrize("name", FORGERIES)
+@pytest.mark.parametrize("name", but_slow(FORGERIES, "a steeper wall"))
 def test_a_forgery_is_refused(name, files, tmp_path):
     forgery = FORGERIES[name]
     path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from forged_robots import ROBOTS
+from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check import sampled
@@ -36,7 +37,7 @@ def test_few_claims_are_all_looked_at():
     assert f"{table.details['checked'][0]:,} claims checked" in repr(table)
 
 
-@pytest.mark.parametrize("name", MANY)
+@pytest.mark.parametrize("name", but_slow(MANY, "pursued"))
 def test_of_many_a_sample_is_looked_at_and_counted(name, few):
     table = solved(name)
     looked, made = table.details["checked"]
