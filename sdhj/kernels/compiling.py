@@ -287,6 +287,7 @@ class Shared:
             )
         with Shared.running:
             threads = get_num_threads()
+            # arrays within a tuple, as velocities are, do not count
             large = threads > 1 and max([getattr(one, "size", 0) for one in arguments]) >= self.least
             some = min(threads, free_cores()) if large else 1
             if some == threads:
@@ -372,7 +373,7 @@ def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
 
 @cache
 def sources() -> str:
-    """A digest of all source files of this folder: an edit of one compiles all kernels anew."""
+    """A digest of all source files of this folder: an edit of one, also of a comment, compiles all kernels anew."""
     folder, digest = Path(__file__).parent, blake2b(digest_size=16)
     for file in sorted(folder.rglob("*.py")):
         text = file.read_bytes()

@@ -144,6 +144,7 @@ def decide(
         needed = _write_displacement_sets(begin, some, states, ints, floats, ends, near, boxes, at, hulls, work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
+            # by place: fields 7 and 8 are `offsets` and `values`, which alone hang on the size
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]
         led, room = Leads(near, scores, normals), Room(scratch, samples, work)
         if needed < 0:

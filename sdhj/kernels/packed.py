@@ -210,6 +210,8 @@ def cells_at(state, cells, slack, found):
 
     0 off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away.
     """
+    # `sdhj_place_of` in sdhj.h does the same, with the same `MOST_LAPS` and quarter of the slack: both have to find the
+    # same cells
     held = 1
     for axis in range(state.size):
         count, length, width = cells.counts[axis], cells.length[axis], cells.width[axis]
@@ -260,6 +262,8 @@ def row_and_bit(cell, cells):
 @kernel(inline="always")
 def first_holding(cell, most, cells, index, pool):
     """The number of the first of `most` nested sets that has a cell (ndim,), `most` for none; as in `fewest_steps`."""
+    # without a target sets shrink, and are not nested this way round: there `CertifiedTable.fewest` asks for the last
+    # one alone
     row, bit = row_and_bit(cell, cells)
     least, first = 0, most  # bisection: the sets before `least` do not hold the cell, `first` may
     while least < first:

@@ -255,6 +255,7 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, dt, keep):
 @kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
     """Set, in place, the ghost nodes of rows begin:end of a flat plane, and the ghost rows that copy these."""
+    # by the rule by which `_with_ghosts` in `sdhj.solver.schemes` makes them at first
     n, g, width = layout.nodes, layout.ghosts, layout.width
     for row in range(begin + layout.top, end + layout.top):
         base = row * width

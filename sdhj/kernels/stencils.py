@@ -191,6 +191,7 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
     extended (R, margin + W + margin) : the rows of the set, with what comes before and behind them along the last axis.
     """
+    # `Packing._extended` makes them by `with_margins`, wide enough for the farthest image
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
     for j in range(found.size):

@@ -39,7 +39,7 @@ Packable = FloatArray | list[FloatArray]
 
 
 class Tape(NamedTuple):
-    """A formula, ready to be played: seven arrays, `packed`, in this order.
+    """A formula, ready to be played: seven arrays, `packed`, in this order, by `sdhj.formulas.formula.program`.
 
     code : (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one). Of
         `x` and `p`, a is the number of the coordinate or parameter; of `gridded` a row of `lookups`.
@@ -61,6 +61,8 @@ CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 def pyramid(values: FloatArray) -> list[FloatArray]:
     """[least of 4, greatest of 4, least of 16, ...]: extremes in blocks of a table's nodes, until few are left."""
+    # `_extremes_of_blocks` finds the levels by their sizes, and stops at the last one at the latest, as few blocks are
+    # left there
     found, least, greatest = list[FloatArray](), values, values
     while least.size > MOST_NODES[values.ndim]:
         for axis in range(values.ndim):
@@ -390,6 +392,7 @@ def _values_at_extremes(op, fact, scratch, i, j, k, n, count):
 
     The operands' intervals are in rows 2 i and 2 j and the next ones. The last four rows of scratch are overwritten.
     """
+    # `play_bounds_part` has these rows behind those of all slots and the spare one
     work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):
         _magnitudes(scratch, i, work, count)

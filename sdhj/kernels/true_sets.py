@@ -133,6 +133,7 @@ def place_points(at, state, j, ends, column, normals, lattice, times, faces, poi
     The path without an adversary, the state, and the corners of what the input leads to; with one time the state alone.
     past[at:] is 1 from a safe end on, -1 where the path is past an unsafe one.
     """
+    # `times` has the order of the points, as `tape_of_problem` makes it, and `judge` and `evaluate` count on it
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
         sample, share = at + (last if i == 0 else i - 1 if i <= last else i), i / CHECKED_INSTANTS
@@ -281,6 +282,7 @@ def evaluate(waiting, rows, ints, floats, times, out, samples, work):
     queue, points, target_values, none = samples.queue, samples.points, samples.target_values, np.int64(0)
     unsafe, target, end = np.int64(AT_UNSAFE), np.int64(AT_TARGET), waiting * times.size
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
+    # `times` stands where parameters would: these tapes have none, as t is a coordinate of the points (`_timed`)
     if play_with_scratch(ints, floats, unsafe, points, times, samples.unsafe_values, none, end, work) != 0.0:
         return False
     heed_inputs(waiting, rows, count, part(ints, ints, AT_UNDER), out.best, samples)

@@ -428,6 +428,7 @@ def hazards(stored_tubes, step, state, lattice, scratch, out):
 @kernel(inline="always")  # as its caller counts references, or does not
 def unpacked_lattice(ints, floats):
     """The `Lattice` whose arrays are the first nine of those packed in ints and floats: views."""
+    # `Grid.arrays` has them in this order, and `tape_of_problem` packs them first
     lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
     periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
     left, first, extent = part(ints, floats, 6), part(ints, ints, 7), part(ints, ints, 8)
@@ -463,6 +464,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found):
     """found[m] = the interpolated tubes[row[m]] at where[m], of at most BLOCK points, in loops that vectorise."""
+    # what `nodes_around` and `weighted` do for one point: both count a weight below TINY as rounding
     here, there, count = sides[0], sides[1], found.size
     index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
     for axis in range(where.shape[1]):

@@ -48,6 +48,7 @@ class InPieces(NamedTuple):
 @_inlined
 def _write_reach_row(out, reach_sets, j, row):
     """Write row number `row` of the reach set of an input, the j-th in `reach_sets`, to out (B + PAST,), in place."""
+    # told apart by how many arrays they are: a field more of `InPieces` or of `Leaves` changes what is meant here
     if len(reach_sets) == 5:  # an `InPieces`; this is decided when it is compiled
         _write_minimum_row(out, reach_sets, j, row)
     else:

@@ -97,6 +97,8 @@ def add_predecessors(missing, clear, inputs, wanted, led, counts):
         for row in range(np.int64(chunk) * rows // CHUNKS, (np.int64(chunk) + 1) * rows // CHUNKS):
             known = False
             for word in range(words):
+                # beyond the cells of a row `missing` and `wanted` may have any bits, as callers hand over complements
+                # of sets
                 some = ~missing[row, word] & wanted[row, word] & ~led[row, word] & bits_between(word, 0, counts[last])
                 if some == 0:
                     continue

@@ -90,6 +90,7 @@ def store_words(numbers, some, keys, words):
 @kernel(nogil=True)
 def cells_near(states, cells, slack, rows, near):
     """Write the cells within slack (ndim,) of states (M, ndim) to near (n, ndim), and whose to rows; returns n."""
+    # callers make rows and near for M 2^ndim cells, the most that there can be
     found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
     for m in range(states.shape[0]):
         for k in range(cells_at(states[m], cells, slack, found)):
@@ -118,6 +119,7 @@ def number_records(records, known, used, slots, out):
     Returns how many are known then, or -1 where there is no room: then nothing in `out` counts. slots (K,) : a hash
     table of numbers, -1 for none, K a power of two above the rows of `known`; in place.
     """
+    # `Packer.add` then makes room and asks again
     for i in range(records.shape[0]):
         if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are
             out[i] = out[i - 1]
@@ -152,6 +154,7 @@ def pack_block(numbers, width, seen, out):
             for byte in range(width):
                 out[3 + colours * width + byte] = (number >> (8 * byte)) & 255
             colours += 1
+    # `sdhj_word` and `sdhj_bodies_fit` in sdhj.h read this, and `Words` in `sdhj.certified.check.words`
     bits = 0
     while (1 << bits) < colours:
         bits += 1

@@ -172,6 +172,7 @@ def worst(moment: Moment) -> FloatArray:
         danger = np.maximum(danger, -at_vertices(value, changes))
     score = np.maximum(moment.tube(corners.swapaxes(0, 1)).T, danger)
     worst_of_all = np.argmax(np.where(score == score.max(axis=0), danger, -np.inf), axis=0)
+    # the signs of the vertices, in the order of `corners` above
     return at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
 
 

@@ -21,6 +21,7 @@ try:
 except ImportError as error:
     raise ImportError("the environment needs Gymnasium, which is not installed: pip install 'sdhj[gym]'") from error
 
+# not "left", which `simulate_interval` alone gives to a run whose controller has no answer
 REWARDS = {"reached": 1.0, "collided": -1.0, "off the grid": -1.0, "late": 0.0, "": 0.0}
 DRAWN = 256  # start states drawn; the first one outside the target is used
 
@@ -93,6 +94,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             state = finite_array("options['state']", options["state"], (problem.grid.ndim,))
         else:
             drawn = admissible_states(self.controller, DRAWN, self.np_random)
+            # argmax is 0 where none is outside, or there is no target: then the first one is taken
             state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
         sensing = problem.sensing
         given = self.controller, state[None], self.play, self.np_random, sensing, None

@@ -34,6 +34,9 @@ def play_interval(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """States (M, ndim), outcomes (M,) and last disturbances (M, D) of M runs after some substeps of an interval.
 
+    With a delay it is called twice for an interval, and the numbers of the substeps go on: adversaries that decide at
+    number 0 keep what they have decided.
+
     Outcomes are `COLLIDED`, `OFF`, past a safe end without a target `REACHED`, or `UNDECIDED`; runs that are decided go
     on until all are, but stop off the grid, where no velocity is known.
     """
@@ -44,6 +47,7 @@ def play_interval(
     lowest, place = np.full(len(states), np.inf), problem.grid
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
         lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), first.time, inputs)
+    # found once for a problem, with the substep of the first interval that is played
     fast = problem.remembered("fast sets", lambda: _fast_sets(first))
     ahead = near = [_near(first, unsafe_set, states, first.time, len(substeps)) for unsafe_set in fast]
     for substep in substeps:

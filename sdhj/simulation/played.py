@@ -155,6 +155,7 @@ def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatA
 
 def check_by_runs(table: Table) -> dict[str, Any]:
     """Warn of an empty tube or broken promises of a solved table; returns {'played': counts} for its details, or {}."""
+    # `Table.__repr__` reads the counts by name, and files keep them
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
         tell(empty_finding(table, share))

@@ -163,6 +163,7 @@ def bounds_from_records(
         raise ValueError(f"two records or more are needed, got {len(tables)}")
     miss = (1 - confidence) / (D + (0 if error is not None else ndim))  # for each bound that is found
     seen, known = _measured(problem, tables, miss, error, rest, better)
+    # of `seen`, which may be records of a better sensor, the states alone count: inputs are those of `tables`
     joined = [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)]
     pushes, blur, beyond = _pushes(problem, joined, np.zeros(ndim) if better is not None else known)
     peaks, least = _peaks(pushes, [len(one) - 1 for one in tables]), np.maximum((pushes - blur).max(axis=0), 0.0)

@@ -292,6 +292,7 @@ def monte_carlo(
     require_memory(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # one stream for each chunk, whichever thread runs it
+    # (so the runs of a seed hang on `CHUNK`, too: with another size of chunks they are others)
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
     # called from several threads
@@ -299,6 +300,7 @@ def monte_carlo(
         starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
         return (starts, *rollouts(controller, starts, play, rng, steps=length, sensing=sensing))
 
+    # functions of users need not bear to be called from several threads
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
     with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
         results = []
@@ -363,6 +365,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
     found: list[FloatArray] = []
     missing = count
     for _ in range(DRAWS):
+        # runs of a seed hang on how many are drawn in one go
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]

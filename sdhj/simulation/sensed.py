@@ -209,6 +209,7 @@ class Runs:
             inputs,
         )
         self.intervals_played[rows] += 1
+        # `seen` is from one delay before the end, when the next input's measurement is taken
         on = ended == UNDECIDED
         if sensing and on.any():
             known = (self.predictions[rows[on]], 0 if self.first_tubes_only else number) if self.remembers else None

@@ -63,6 +63,7 @@ def _ends_as_danger(samples: Samples, axis: int) -> Danger:
     # the wide grid has those that the velocity along this one depends on
     axes = samples.avoid_axes([axis])
     place, grid, delta = axes.index(axis), whole.subgrid(axes), samples.interval(0).delta
+    # of all steps, as one wide grid serves them all
     speeds = np.max([samples.interval(step).speeds for step in range(samples.problem.steps if timed else 1)], axis=0)
     # as far as the state comes in an interval; velocities there are those at the end
     more = int(np.ceil(checked_travel(whole, speeds, delta)[axis])) + MARGIN

@@ -92,6 +92,7 @@ class Part(NamedTuple):
     @property
     def name(self) -> str:
         """The name of its mark or, of a share, of its file."""
+        # a solve that goes on knows parts by this name: under another one all are computed again
         return f"{self.kind}-{self.step}-{self.within}" + (f"-{self.share}" if self.kind == "share" else "")
 
 
@@ -126,6 +127,7 @@ class Folder:
         data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
         try:
             with open(self.file(name), "r+b", buffering=0) as out:
+                # the file is there already, at its full size: `container.begin_array` has made it
                 out.seek(container.HEADER + position * len(data))
                 while data:
                     data = data[out.write(data) :]
@@ -175,6 +177,7 @@ class Folder:
 
     def set_mark(self, part: Part, **told: Any) -> None:
         """Mark a part as complete."""
+        # after `write` has flushed what it says: a mark is believed, and nobody looks at the numbers again
         with replaced_whole(self.path / DONE / part.name) as temporary:
             temporary.write_text(json.dumps(told))
 
@@ -189,6 +192,7 @@ class Folder:
 
     def complete(self, part: Part) -> None:
         """Compute, write and mark a part, unless it is complete; what it follows from has to be."""
+        # a share has no mark: it is complete where its entry is
         if self.mark(part._replace(kind="entry") if part.kind == "share" else part) is not None:
             return
         solved = getattr(self.parts.games, "solved", 0)
@@ -217,6 +221,7 @@ class Folder:
 
     def _entry(self, part: Part) -> dict[str, Any]:
         """Write an entry, or unite its shares; returns its place, and whether it is the tube of the one before it."""
+        # `GridSets` does the same in memory, by `extend` and `repeat`: both have to give the same bits
         parts, step, within = self.parts, part.step, part.within
         if self.repeated(part):
             return {"place": self.place(step, within - 1), "shared": True}
@@ -294,6 +299,7 @@ class Folder:
     def closed_up(self) -> FloatArray:
         """The table's index, after tubes behind entries that have none of their own were moved up."""
         size, places = self.parts.shape("marks")[1:], self.places
+        # ascending: where a tube moves to lies nothing that is still to be moved
         for number, place in enumerate(np.unique(places).tolist()):
             # each is flushed and noted before the next, so that this too goes on where it was stopped
             if number < place and number >= self.moved:
@@ -306,6 +312,7 @@ class Folder:
 
     def goal(self, step: int) -> FloatArray:
         """The entry (step, 0), which is complete, mapped, also where tubes have been moved up."""
+        # `look_over` asks for it also in a solve that goes on after it was stopped in `closed_up`
         place = self.place(step, 0)
         if moved := self.moved:
             number = int(np.searchsorted(np.unique(self.places), place))
@@ -338,6 +345,7 @@ class Folder:
         told = make_head(parts.problem, parts.method.name, details, parts.problem.digest)
         axes = {name.removeprefix("avoid_"): list(some) for name, some in parts.axes.items()}
         finish_folder(self.path, told | {"avoid_axes": axes}, shapes)
+        # only behind problem.json: where both are there `alone_in` takes the folder for finished
         (self.path / BEGUN).unlink(missing_ok=True)
         for name in (DONE, SHARES):
             shutil.rmtree(self.path / name, ignore_errors=True)
@@ -348,6 +356,7 @@ class Folder:
 
 def completed_here(folder: Folder, rows: Iterable[list[Part]], needs: Any) -> Iterator[Part]:
     """Complete parts in this process, and yield each when it is."""
+    # `needs`, which `completed_by` asks, is not asked here: the rows are in an order that is enough
     for row in rows:
         for part in row:
             folder.complete(part)
@@ -445,6 +454,7 @@ def alone_in(path: Path) -> Iterator[bool]:
 def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -> None:
     """Complete all parts of a folder, and make it a table."""
     started, problem = time.perf_counter(), sets.problem
+    # of a solve that was stopped: with as many workers as there are now they may have other inputs
     for share in (folder.path / SHARES).iterdir():
         share.unlink()
     completed = completed_here if client is None else partial(completed_by, client)
@@ -518,6 +528,7 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
 def head_of(sets: GridSets) -> dict[str, Any]:
     """What begun.json has: the head of a table without details, and the method's options."""
     head = make_head(sets.problem, sets.parts.method.name, {}, sets.problem.digest) | {"options": sets.options}
+    # through JSON and back, so that it is compared with a file's: there tuples are lists
     return dict(json.loads(json.dumps(head)))
 
 
@@ -532,7 +543,7 @@ def begin(folder: Folder, sets: GridSets) -> None:
             warnings.warn(
                 f"{path} takes up to {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; where the disk is full "
                 "the solve ends, and goes on with resume=True",
-                stacklevel=5,
+                stacklevel=5,  # at the line that calls `sdhj.solve`
             )
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}")
     try:

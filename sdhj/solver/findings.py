@@ -104,6 +104,7 @@ def _hidden(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str = IGNORED
     level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
     if isinstance(level_set, Formula):
         known = level_set.remembered("hidden", dict)
+    # with all that the finding's words have, such as the name and `so`
     key = unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, samples.grid, t, so
     if key not in known:
         known[key] = _hidden_finding(samples, unsafe_set, t, so)
@@ -439,6 +440,7 @@ def gaps_advice(problem: ReachAvoidProblem, shifted: bool) -> str:
 
     Where reach sets are not `shifted`, nor by a formula, more nodes are needed (`ENOUGH`).
     """
+    # `sdhj.simulation.played` has it in its warnings, and plays the most runs wherever it is not ""
     grid, axes = problem.grid, list(problem.target.axes)
     if problem.has_no_target or grid.subgrid(axes).size > LARGEST:
         return ""
@@ -556,6 +558,8 @@ def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, way: FloatArr
 
 def names_apart(problem: ReachAvoidProblem) -> list[str]:
     """The names of the unsafe sets, with their number where others have the same."""
+    # `ProjectedSets.look_over` keeps "free" under these names, where `projection_findings` looks them up; files keep
+    # them
     names = [one.name for one in problem.unsafe]
     apart = (f"{name}, number {number} of problem.unsafe" for number, name in enumerate(names, 1))
     return [name if names.count(name) == 1 else other for name, other in zip(names, apart, strict=True)]
@@ -565,6 +569,7 @@ def projection_findings(
     problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]], losses: Mapping[str, Any]
 ) -> list[Finding]:
     """Findings of subspaces that keep nothing of the target, and of sets that leave none free."""
+    # asked twice, to warn of them and to keep their words: so it does not warn itself
     names, found = problem.grid.names, []
     for axes, share in zip(subspaces, losses["target_kept"], strict=True):
         dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]

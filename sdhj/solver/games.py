@@ -35,7 +35,7 @@ from sdhj.solver.schemes import (
     too_restless_error,
 )
 
-KEPT = 256_000_000  # bytes of sampled velocities that the games keep
+KEPT = 256_000_000  # bytes of sampled velocities that the games keep; `bytes_of_entry` counts them
 BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving frame: errors there fall tenfold per node
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
@@ -115,6 +115,7 @@ def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) 
 
 def in_eights(reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
     """Yield reach sets (j, values), ascending, stacked to `Pieces`: the inputs whose marks are in one byte."""
+    # a run also ends where an input is left out, as `Pieces` has the first number alone
     for _, run in groupby(enumerate(reach_sets), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], values[0].shape, [np.stack(values)], [tuple(range(values[0].ndim))])
@@ -126,6 +127,7 @@ def nodes_past_ends(samples: Samples, axes: Sequence[int]) -> tuple[int, ...]:
     That is as far as the disturbance pushes the state in an interval, or the drift leads if that is less, and `BEYOND`
     more; 0 for periodic axes and for those without a drift.
     """
+    # `bytes_of_entry` asks it as well, so that the memory of this grid is counted
     grid, (drift, gain, bounds) = samples.grid, samples.dynamics.arrays
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * samples.interval(0).delta
     cells = farthest / grid.spacing
@@ -309,6 +311,7 @@ class HJIGames(_OnAxes):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             nodes = (range(n)[some] for n, some in zip(self.grid.shape, inner, strict=True))
             inner = tuple(slice(n + some.start, n + some.stop) for n, some in zip(past, nodes, strict=True))
+        # input 0 stands for all: without the drift, gain and bounds are those of every input
         pushes = self._field(0, self.axes, step, self.samples.interval(step).begin, drift=False)
         far = self.displacement_by_disturbance
 
@@ -368,6 +371,7 @@ class HJIGames(_OnAxes):
         t0, t1 = self.samples.problem.span(step)
         if not obstacle.instant:
             return obstacle.values_over(t0, t1)
+        # kept, as the PDEs of all inputs ask for the same tau
         return cache(lambda tau: obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1)))
 
     def velocities(
@@ -468,6 +472,7 @@ class HopfLaxGames(_OnAxes):
 
     def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
         """As `_OnAxes.write_tubes`: maxima of -g over all that the state may reach, one piece of time after another."""
+        # with raised=True what is greater stays: so it begins with the least
         out.fill(-np.inf)
         for some in self._tube_maxima(obstacle, step):
             some.of(into=out[some.first : some.first + some.number], raised=True)

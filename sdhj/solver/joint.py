@@ -69,6 +69,8 @@ class JointSets(GridSets):
 
     def begin(self) -> None:
         """As `GridSets.begin`; reach sets are intersected with no avoid tubes, unless the grid has unsafe ends."""
+        # also solves all avoid tubes: look-ups in the table ask them, though without unsafe ends no reach set is
+        # intersected with them
         super().begin()
         if not self.problem.grid.has("fails"):
             nothing = np.full(len(self.avoid.static), -np.inf, self.avoid.static.dtype)

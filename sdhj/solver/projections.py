@@ -66,6 +66,7 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
     if isinstance(drift, BlackBox):
         return np.ones(problem.grid.ndim, np.bool_)
     each = np.array(drift.outputs, dtype=object).reshape(count, -1)
+    # by identity, which is equality of graphs: `sdhj.formulas.graph.interned` makes each node once
     return np.array([any(one is not column[0] for one in column) for column in each.T])
 
 
@@ -116,6 +117,7 @@ class ProjectedGames:
 
         With all axes kept it is `values` itself.
         """
+        # the last axis first, so that those before it keep their numbers
         for axis in reversed([axis for axis in range(self.samples.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
             most = np.empty((math.prod(before), math.prod(after)), values.dtype)
@@ -326,6 +328,7 @@ class OnSubspaces(NamedTuple):
 
     def on(self, samples: Samples) -> Games:
         """`ProjectedGames` on the grid of the games; on the wide grid of an axis's ends the inner method's games."""
+        # by value, as workers of a Dask client have a copy of this object
         if samples.grid != self.grid:
             return self.inner.on(samples)
         return ProjectedGames(samples, lambda axes: self.inner.on(samples, axes), self.subspaces)

@@ -83,6 +83,7 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
     are equal, so are (k, n) and (k, n - 1), and `sets.repeat` is called. A row with a shared entry may grow again, for
     example if the target appears late. `done()` is called after each entry with n >= 1.
     """
+    # into a folder `sdhj.solver.entries.fill` goes through the same rows
     sets.begin()
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
         sets.write_goal(step)
@@ -164,6 +165,8 @@ class InputRows:
         `tubes.moving`; `start` may be `tube`.
         """
         behind = math.prod(self.grid.shape[reach_sets.axis + 1 :]) if isinstance(reach_sets, Maxima) else 0
+        # the kernel makes rows that are parts of what lies behind the axis (`add_inputs`); else they are written out
+        # here
         if isinstance(reach_sets, Maxima) and behind % self.size:
             reach_sets = Pieces(reach_sets.first, self.grid.shape, [reach_sets.of()], [tuple(range(self.grid.ndim))])
         if isinstance(reach_sets, Maxima):
@@ -438,6 +441,7 @@ class GridSets:
 
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
         """What a method does between the avoid games and the first entry with n >= 1: nothing."""
+        # on disk `sdhj.solver.entries.fill` calls it; in memory a method's own `begin` has to
 
     def said_of(self, table: LookupTable) -> dict[str, Any]:
         """What else a method says of a table, for its details."""
@@ -445,6 +449,7 @@ class GridSets:
 
     def counts(self, solved: int, shared: int) -> dict[str, Any]:
         """What a table's details say of its solve: PDEs solved, and entries that are the tube of another."""
+        # `sdhj.simulation.played` reads "pdes_solved" and "shifted" by these names, and files keep all of them
         problem, steps = self.problem, self.problem.steps
         avoid = sum(steps if problem.moves(unsafe_set) else 1 for unsafe_set in problem.unsafe)
         return {
@@ -457,7 +462,8 @@ class GridSets:
 
 def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
     """The index of a table in which no tubes are shared: the position of each (start, within)."""
-    # if nothing depends on time `within`, for every start
+    # Solves in memory and in a folder write there, into the arrays of `GridParts.shape`. If nothing depends on time the
+    # position is `within`, for every start.
     start, index = entries(problem.steps).T.copy()
     if not problem.time_invariant:  # one behind the other as they are filled in
         index += (problem.steps - start) * (problem.steps - start + 1) // 2

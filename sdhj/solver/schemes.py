@@ -172,6 +172,7 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 
 def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
     """Values with ghost nodes before and behind those of the last two axes, new."""
+    # the kernel `stage` sets the ghosts of what it writes by the same rule (`_fill_ghosts`)
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
     out[:, layout.top : rows - layout.top, g:-g] = values.reshape(planes, layout.rows, n)
@@ -214,6 +215,7 @@ def terms_of(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> 
     (box / dx,) where they are constant; else (box, 1 / dx), or for velocities that couple axes (box, 1 / dx, drift,
     gain). box has the lower velocities of all axes, then the upper ones; all but 1 / dx have ghost nodes.
     """
+    # the kernel knows these cases by the length of the tuple alone
     kept = {} if velocities.terms is None else velocities.terms
     if (key := (grid, layout.ghosts, dtype)) in kept:
         return kept[key]
@@ -276,6 +278,7 @@ def evolve(
     terms = _over_time(velocities, lambda one: terms_of(grid, layout, one, scheme.dtype))
     phi, obstacle_at = arranged(values), _over_time(obstacle, arranged)
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
+    # dt and keep are handed over in this type: as Python's floats they would make kernels compute in double precision
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_padding(grid))
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
@@ -328,11 +331,13 @@ def _integrate(
     euler(source, out, now, then, keep) writes out = keep out + (1 - keep) (an Euler step of `source` from time `now`);
     `then` is the result's time.
     """
+    # Only "rk3" writes to it, whose second stage may overwrite neither its source nor phi, which the third one keeps.
     spare = np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):
         source, now = phi, step * dt
         for number, (keep, reached) in enumerate(stages, 1):
             out = phi if number == len(stages) > 1 else spare if source is work else work
+            # `euler` reads from `out` what it keeps of the step's start
             if keep and out is not phi:
                 np.copyto(out, phi)
             then = (step + reached) * dt

@@ -27,7 +27,8 @@ def tape_of_problem(
         ends = interval.displacement_sets(np.array([grid.lower]))[:2, :, :, 0]
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
-    # at N the begin of an interval is the only instant
+    # In the order in which `place_points` writes the points: the path, the state, the corners. At N the begin of an
+    # interval is the only instant.
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
     faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.walls_needing_boxes])
     # without checks there are no instants, and the true sets are not evaluated
@@ -81,6 +82,7 @@ def choose_by_true_sets(
         unsafe_values[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
         if sets > 1:
             found = problem.unsafe_along(at, times, batch.best[rows[some]]).ravel()
+            # only where this input adds a set: a state in a set of all inputs is lost, which the first row says
             unsafe_values[1, : waiting * count] = np.where(found < unsafe_values[0, : waiting * count], found, np.inf)
             heed_inputs(waiting, rows, count, under, batch.best, samples)
         inside = target_values[0, : waiting * count].reshape(waiting, count)

@@ -32,6 +32,7 @@ def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """The function of points (M, ndim) that interpolates values (*grid.shape), which are copied."""
     beyond = max(float(values.max()), 1.0)  # outside: off a bounded axis by more than `SLACK` of a cell
     periodic, spacing = np.array(grid.periodic), np.array(grid.spacing)
+    # the first node once more behind a periodic axis, as a table in a formula is clipped at its ends and not wrapped
     table = gridded(np.pad(values, [(0, int(turns)) for turns in periodic], mode="wrap"), grid.lower, spacing)
     bounded = np.flatnonzero(~periodic)
     least, greatest = (grid.lower - SLACK * spacing)[bounded], (grid.upper + SLACK * spacing)[bounded]

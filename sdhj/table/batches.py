@@ -27,7 +27,7 @@ CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
 NOT_ADMISSIBLE = -1
 PROBES = 4096  # states at which the slope of a tube is found
-STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
+STRIDES = 8  # Runge-Kutta steps with which a prediction is computed; the checker has this number a second time
 POINT_ROUNDING = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 Player = Callable[..., Any]  # simulates runs of a table: `sdhj.simulation.played.played`
@@ -77,6 +77,7 @@ class Batch(NamedTuple):
 
 def entry(steps: int, start: int, within: int) -> int:
     """Position of (start, within) in a list of all entries: k (N + 1) - k (k - 1) / 2 + n."""
+    # the kernel `by_tubes` computes it once more, and files keep the order, which `entries` lists
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
@@ -275,6 +276,7 @@ class Table(ReadOnly):
 
         The root of the sum of squares of the medians of |dV/dx_i| h_i over random states near the boundary.
         """
+        # `Controller.allowed` measures margins by it: so what a filter lets pass hangs on these random states
         grid, slopes = self.grid, list[float]()
         # states within half a cell of the boundary, along an axis
         states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (PROBES, grid.ndim))
@@ -336,6 +338,7 @@ class Table(ReadOnly):
         scores = batch.margins if scores is None else scores
         share_out(self.grid, states, lambda rows: self._fill_in_and_check(batch, scores, TRUE_SETS_TOO, rows))
         if problem.has_no_target:
+            # tubes shrink there: a state in the last one is in all, so that 0 was found
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
         return batch
 
@@ -382,6 +385,7 @@ class Table(ReadOnly):
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
         """For each state the safe input of least score (M, L) that the true sets pass, else `Batch.best`: (M,)."""
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
+        # so that `propose`, which judges by max(to_go, within) - 1 steps, finds `steps_after` again
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
         self._fill_in_and_check(checked, scores, TRUE_SETS_ONLY, np.arange(len(to_go)))
         return checked.best
@@ -417,6 +421,8 @@ class Table(ReadOnly):
 
         The predictions `seen`, on any lap, clipped to the box (*Memory* in `sdhj.problem.sensing`).
         """
+        # `sdhj_remember` in sdhj.h does the same for an exported table, with ten times the slack of cells for
+        # `POINT_ROUNDING`
         low, high, off = self.bounds_of_next_points(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
         turns = np.where(periodic, np.floor((seen - (low + high) / 2) / length + 0.5), 0.0) * length
@@ -429,6 +435,7 @@ class Table(ReadOnly):
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Whether an input for each state passes the true sets: (M,)."""
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
+        # with left + 1 steps to go, as `propose` takes one off
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
         self._fill_in_and_check(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))
         return safe.any(axis=1)
@@ -530,8 +537,8 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
     """An order (M,) of states in which those that read the same nodes are close together."""
-    # on large grids some successive cells count as one,
-    # so that numbers fit into 16 bits, which are sorted ten times as fast
+    # No answer hangs on the order, only the time. On large grids some successive cells count as one,
+    # so that numbers fit into 16 bits, which are sorted ten times as fast.
     lower, spacing, shape = grid.arrays[:3]
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)
     places = np.ravel_multi_index(tuple(cells.T), grid.shape)

@@ -98,7 +98,7 @@ class Filtered:
 
 def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
     """Squared Euclidean distances (M, L) from commands (M, m) to inputs (L, m)."""
-    # component by component, in one order for any number of states
+    # component by component, in one order for any number of states, as `sdhj_filter_at` in C adds them up
     return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 
 
@@ -126,6 +126,7 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,)."""
     delay, grid = problem.sensing.delay, problem.grid.walled  # all ends hold, also without a delay
     measured = states_array("a measurement", measured, grid.ndim)
+    # `sdhj_seen` in sdhj.h does the same, with the same 1e-9
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
     off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)  # by more than an error explains: kept
     if not delay:

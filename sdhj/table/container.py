@@ -153,6 +153,8 @@ class Member(NamedTuple):
     @property
     def header(self) -> bytes:
         """The bytes before its own, which then begin at a multiple of `ALIGNED`."""
+        # the same bytes as `before` in `sdhj.certified.check.files`: with another number here the checker refuses every
+        # file
         extra = struct.pack("<2H2Q", 1, 16, self.size, self.packed)
         pad = -(self.at + 30 + len(self.name) + len(extra) + 4) % ALIGNED
         extra += struct.pack("<2H", 0xD935, pad) + bytes(pad)
@@ -162,6 +164,7 @@ class Member(NamedTuple):
     @property
     def entry(self) -> bytes:
         """Its entry in the directory of the zip."""
+        # the same bytes as `listed` there
         extra = struct.pack("<2H3Q", 1, 24, self.size, self.packed, self.at)
         about = 45, 45, 0, 8 * self.deflated, 0, 0x21, self.crc, FULL, FULL, len(self.name), len(extra), 0, 0, 0, 0
         return struct.pack("<4s6H3L5H2L", b"PK\1\2", *about, FULL) + self.name + extra
@@ -174,6 +177,7 @@ class Member(NamedTuple):
 
 def directory(members: Sequence[Member]) -> bytes:
     """The end of a zip of these files: what is where."""
+    # readers compare it with the end of a file, the checker by its `parts_of_zip`: no byte of it may change
     each, at, count = b"".join(one.entry for one in members), members[-1].end, len(members)
     whole = struct.pack("<4sQ2H2L4Q", b"PK\6\6", 44, 45, 45, 0, 0, count, count, len(each), at)
     place = struct.pack("<4sLQL", b"PK\6\7", 0, at + len(each), 1)
@@ -229,6 +233,7 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
 
 def believed(stated: Mapping[str, Stated]) -> bool:
     """Whether packed arrays are no larger than a reader unpacks."""
+    # the checker has this bound a second time (`MOST_UNPACKED`, `MOST_TIMES`)
     packed = [(one.packed[0], one.size) for one in stated.values() if one.packed]
     return sum(size for _, size in packed) <= max(MOST_UNPACKED, MOST_RATIO * sum(small for small, _ in packed))
 
@@ -261,6 +266,8 @@ class Contents:
 
     def __init__(self, path: Path) -> None:
         """Compare all bytes but the arrays' with what would be written: `Damaged` where they differ."""
+        # the checker has a reader of its own on purpose, `Arrays` in `sdhj.certified.check.files`: what one refuses the
+        # other has to refuse
         self.path, self.folder = path, path.is_dir()
         image = mapped(path / HEAD) if self.folder else mapped(path)
         begin, size = (0, len(image)) if self.folder else first_in(image)
@@ -289,6 +296,7 @@ class Contents:
         members, parts = [first], dict[str, memoryview]()
         for name, one in self.stated.items():
             at, size = members[-1].end, one.packed[0] if one.packed else one.size
+            # whatever is stated there: the digests in the head tell what is damaged
             crc = int.from_bytes(image[at + 14 : at + 18], "little")
             members.append(Member(file_name(name).encode(), crc, size, one.size, bool(one.packed), at))
             parts[name] = image[members[-1].end - size : members[-1].end]

@@ -300,6 +300,7 @@ class Controller:
 
     def _require_carried(self, q: FloatArray, step: int | None, first: bool) -> None:
         """ValueError where a table for controllers that remember is asked about predictions by themselves."""
+        # exported tables refuse the same, by `SDHJ_NOT_CARRIED`
         if first or not self.problem.sensing.remembers:
             return
         states, (point, at) = real_array("states", q), self.remembered or (None, None)
@@ -461,6 +462,8 @@ class Controller:
         (2, True)
         """
         problem, steps = self.problem, self.table.steps
+        # `Runs` of `sdhj.simulation.sensed` does the same for many robots at once, and `sdhj_step` in C for one robot,
+        # by an exported table
         k, late, missed = self._sampling_time(time)
         last = None if k == 0 else self.last
         step, previous = k if self.depends_on_time else 0, last.input if last else None
@@ -592,6 +595,7 @@ class Controller:
 
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
         """The answer of `filter` for a state of a proved table, in half the time; None leaves it to `filter`."""
+        # `filter` and `sdhj_filter_at` of sdhj.h have the same rule: all three have to choose alike
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
             wanted = plain_array("wanted", wanted)
@@ -639,6 +643,7 @@ class Controller:
         >>> controller.choose(controller.batch([[-2.1], [2.1]], 0))
         array([2, 0])
         """
+        # `best` is the safe input of least margin already, or without one the best that there is
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
         if self.table.proved and isinstance(self.rule, str):

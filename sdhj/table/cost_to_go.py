@@ -125,6 +125,8 @@ class CostToGo(ReadOnly):
 
     def __init__(self, table: Table, cost: str | Rule, progress: bool | None = None) -> None:
         """Compute J at all nodes, from the last step back."""
+        # before there is any J: a controller that is made reads `all_left` alone, and asks no rule of this kind
+        # (`_prepare`)
         controller = Controller(table, rule=self)
         if not callable(cost):
             option("cost", cost, tuple(COSTS))

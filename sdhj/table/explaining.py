@@ -80,6 +80,7 @@ def tube_in_words(table: Any, step: int, within: int) -> str:
 
 def why_refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
     """Why a state (1, ndim) is, by the level-set functions alone, in no tube, as a sentence; else ""."""
+    # it asks what `surely_in_no_tube` and the ends ask, set by set, so that `contains` and these words agree
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
         return "The state is off the grid."
@@ -116,6 +117,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
         _failure(table, state, j, step, within - 1, hazards[j], margins[j], ends[j])
         for j in np.flatnonzero(~safe).tolist()
     ]
+    # first the inputs that meet nothing, as False comes before True
     failures.sort(key=lambda one: (one.by not in ("image", "marks"), -one.short))
     if safe.any():
         says += f" Safe inputs: {np.flatnonzero(safe).tolist()}."

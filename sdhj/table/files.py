@@ -27,7 +27,7 @@ from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import Table, entry
 from sdhj.table.container import CHECKED, FORMAT, HEAD, Contents, Damaged, head_text, stated_in, write_zip
 
-TEMPORARIES: set[Path] = set()  # files that are being written
+TEMPORARIES: set[Path] = set()  # files that are being written; `sdhj.cli` deletes them where a signal ends it
 Named = str | os.PathLike[str]
 Lengths = tuple[int | set[int], ...]
 VERSION = "0.2.0"
@@ -154,6 +154,7 @@ def finish_folder(folder: Path, head: Mapping[str, Any], shapes: Mapping[str, tu
 
 def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
     """The head of a table's file, for JSON: all that the file says besides its arrays."""
+    # files keep these names, and `begun.json` too; `checked_head` and the checker read them
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -265,6 +266,7 @@ def checked_head(head: Any) -> dict[str, Any]:
         "details": dict(head["details"]),
         "delta": number("delta", head["delta"], above=0.0),
         "steps": whole("steps", head["steps"], least=1, most=MOST_SAMPLED),
+        # files that say nothing of a memory were solved without one
         "sensing": Sensing(**{"memory": False} | head["sensing"]) if head["sensing"] else Sensing(),
         "sets": list(head["sets"]),
         "formulas": {**head["formulas"], "opaque": dict(head["formulas"]["opaque"])},
@@ -337,6 +339,7 @@ def table_in(
 
 def reopened(kind: Any, path: Path, sha256: str, problem: ReachAvoidProblem | None, player: Any) -> Any:
     """The table that was pickled as the name of its file, unless that has another content now."""
+    # pickles have this function's name and arguments in order: renamed, those made before do not load
     with opened_table(path) as (head, file):
         if file.sha256 != sha256:
             raise TableFileError(f"{path} has changed since the table was pickled as its name; load it anew")

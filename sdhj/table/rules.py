@@ -76,6 +76,7 @@ class Candidates:
 
 Rule = Callable[[Candidates], FloatArray]
 RULES: dict[str, Rule] = {  # the input of the least score is selected
+    # never called: `Controller.choose` and the words of certified tables take `best` or the margins themselves
     "deepest": lambda among: among.margins,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),

@@ -58,6 +58,7 @@ class AvoidTubes(ReadOnly):
 
 def entries(steps: int) -> FloatArray:
     """Every pair (start, within) of a table of so many steps, in the order of `entry`: (entries, 2)."""
+    # files keep it beside the index, for readers without this package
     return np.column_stack(np.nonzero(np.tri(steps + 1, dtype=bool)[::-1]))
 
 
@@ -232,6 +233,7 @@ class LookupTable(Table):
         """The arrays of `StoredTubes`: read-only views, nodes in one axis."""
         inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
         static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
+        # in the order of the arguments of `decide`; `_hazards` takes the last two, and `_values_at` the second
         return read_only(tuple(one.view() for one in (self.index, tubes, self.marks, static, moving)))  # one signature
 
     # ---- on disk
@@ -277,7 +279,7 @@ class LookupTable(Table):
     def of_arrays(
         cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
     ) -> Self:
-        """The table whose arrays `stored(name, dtypes, shape)` reads, from a file or a store."""
+        """The table whose arrays `stored(name, dtypes, shape)` reads."""
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
             raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")

@@ -127,6 +127,7 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
     The interval is halved where this stays open. Where already the arm at the middle instant may meet a disk that is
     there, halving would not help. wanted (depth + 1,) : overwritten with the steps that each level has to decide.
     """
+    # a step is a bit of one word: `ArmProof.of` refuses more than 64 (`MARKED_STEPS`)
     blocked, deep, here = np.uint64(0), 0, 0
     wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
     while here >> deep == 0:  # part `here` of 2^deep is at hand
@@ -195,6 +196,7 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
                     low + agent.width_y + 2 * agent.prediction_error,
                 )
                 furthest = 0.0
+                # behind the two elbows, which `link_points` writes first; `convex_hull` would sort them
                 for corner in range(2, n):
                     dx = max(abs(scratch.x[corner] - left), abs(scratch.x[corner] - right))
                     dy = max(abs(scratch.y[corner] - low), abs(scratch.y[corner] - high))
