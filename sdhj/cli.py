@@ -121,6 +121,7 @@ def numbers(option: str, text: str, kind: type = float) -> list[Any]:
         return [kind(part) for part in text.split(",")]
     except ValueError:
         kinds = "whole numbers" if kind is int else "numbers"
+        # STATE is an argument, and no option
         option = option if option.isupper() else f"--{option}"
         raise ValueError(f"{option} must be {kinds} separated by commas, got {reprlib.repr(text)}") from None
 
@@ -168,6 +169,7 @@ def solve_command(
     chosen: Any = Certified(**of_cells) if of_cells or method == Certified.name else method
     if output is not None:
         writable_file(output)
+    # click hands these options over by the names of `arm_case_study`'s arguments
     given = {name: value for name, value in of_the_arm.items() if value is not None}
     if robot is not None and given:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
@@ -242,6 +244,7 @@ def info(table: Path) -> None:
             "  sensing: " + ", ".join(f"{name} {value}" for name, value in head["sensing"].entry_in_head.items())
         )
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
+    # of a certified table alone, by `solve`
     if "checked" in head["details"]:
         looked, made = head["details"]["checked"]
         more = f"; sdhj verify {name} checks all" if looked < made else ""
@@ -274,6 +277,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
         velocity = reduce(np.add, pushes.T, found["drift"].entries[0]).tolist()
     u = ", ".join(format(one, "g") for one in head["inputs"][0])
     lines = [f"dynamics under the first of {len(head['inputs'])} inputs, u = ({u}):"]
+    # `shown` ends with a line for each result; the lines before are letters for parts of these
     text, most = shown(velocity, grid.names, ["t", *v]), shown(bounds.tolist(), grid.names)[-len(v) :]
     letters, rates = text[: len(text) - len(velocity)], text[len(text) - len(velocity) :]
     text = letters + [f"d{name}/dt = {one}" for name, one in zip(grid.names, rates, strict=False)]
@@ -321,6 +325,7 @@ def verify_command(
     elif (table / "sdhj_table.bin").is_file():
         raise ValueError(f"{table} is the folder of an export; give the table that it was made of: --table table.npz")
     given = {"samples": samples or None, "seed": seed, "everywhere": everywhere, "exported": exported}
+    # 1: a claim is not proved; what could not be checked at all is a `Refusal`, with 2
     context.exit(0 if proved(table, problem, **given) else 1)
 
 
@@ -349,6 +354,7 @@ def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
     place, _, what = name.rpartition(":")
     if not re.fullmatch(r"\w+", what) or not (place.endswith(".py") or re.fullmatch(r"[\w.]+", place)):
         raise ValueError(f"{option} must be module:name or file.py:name, of a problem, got {name!r}")
+    # for good, as what the problem's functions import when they are called has to be found, too
     sys.path.insert(0, "")  # the module may lie in the current folder
     try:
         if place.endswith(".py"):
@@ -536,6 +542,7 @@ def compile_kernels(robot: str, method: str) -> float:
 
 def new_robot() -> ReachAvoidProblem:
     """The problem of the robot that `sdhj new` writes."""
+    # of this name, as the text itself and `sdhj new` tell users to solve FILE:problem
     problem: ReachAvoidProblem = runpy.run_path(str(NEW_ROBOT))["problem"]()
     return problem
 

@@ -85,7 +85,7 @@ def solve(
     Returns
     -------
     LookupTable; CertifiedTable for method "certified"
-        `table.details["findings"]` has what is warned of on the way: a cause, how much of it, and what helps.
+        `table.details["findings"]` (not with a store) has what is warned of: a cause, how much of it, and what helps.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def _checked_sets(problem: ReachAvoidProblem, method: Method, progress: bool | N
     if isinstance(method, Certified):  # whose sets take half the time of a solve
         check_sets(problem)
     sets = method.sets(problem, progress)
-    if not isinstance(sets, GridSets | CellSets):
+    if not isinstance(sets, GridSets | CellSets):  # the former check as they sample, the latter's were
         check_sets(problem)
     return sets
 
@@ -183,7 +183,7 @@ def _fill(sets: Any, problem: ReachAvoidProblem, bar: Any) -> None:
     try:
         recursion(sets, problem.most_steps, done)
     except KeyboardInterrupt:
-        if problem.steps is not None or not sets.filled:
+        if problem.steps is not None or not sets.filled:  # fewer steps than asked for are no table
             raise
 
 

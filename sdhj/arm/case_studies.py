@@ -49,6 +49,8 @@ class ArmScene:
     agent_box: float  # the centre of that disk stays in [-agent_box, agent_box]^2
     target: Disk | None  # TAR(t); None where the evader is the target
 
+    # The checker has these distances once more (`sdhj.certified.check.arm.recipe`): it compares a file's formulas with
+    # them, and where they differ it refuses the file.
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Signed distance of the thick arm to the nearest obstacle's disk at time t."""
         return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
@@ -177,7 +179,8 @@ def evader_case_study(
     >>> sdhj.evader_case_study(nodes=9, steps=3).target.axes
     (0, 1, 2, 3)
     """
-    recipe = _recipe("evader_case_study", locals())  # only the arguments here
+    # only the arguments here, whose names files keep: see `arm_case_study`
+    recipe = _recipe("evader_case_study", locals())
     return _problem(recipe, *_sets(_scene(recipe)))
 
 
@@ -194,7 +197,8 @@ def as_built(problem: ReachAvoidProblem) -> bool:
     """Whether a problem is what its recipe builds, up to rounding and whatever its sensing."""
     if not problem.recipe:
         return False
-    # a problem to which a set was added may still have the recipe
+    # A problem to which a set was added may still have the recipe. What is accepted here `ArmProof` proves by recipe
+    # and sensing alone, so all else has to be compared.
     built = replace(rebuild(problem.recipe), sensing=problem.sensing)
     return built.digest == problem.digest or _alike(built, problem)
 
@@ -230,6 +234,7 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """The recipe of a case study's call: all its arguments, checked, as plain numbers, lists and strings."""
+    # files keep these entries, and `Scene` of `sdhj.certified.check.arm.claims` reads them by name, in this form
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
@@ -281,6 +286,7 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
 def _sets(workspace: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
     """The target and the unsafe sets, obstacles (G1 of App. A.3) and pursuer (G2)."""
+    # in this order: `expect_recipe` of the checker takes the sets one by one, the obstacles before the pursuer
     unsafe = list[UnsafeSet]()
     if workspace.obstacles:
         unsafe.append(UnsafeSet(JOINTS, workspace.obstacles_value, workspace.obstacles_swept_value, "obstacles"))
@@ -293,6 +299,7 @@ def _sets(workspace: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:
     """The problem of a recipe with these sets and dq = u + v_d, dp = v_p (Eq. 9 and 10)."""
     given, agent = recipe["arguments"], _agent(recipe)
+    # `expect_recipe` of the checker has grid, inputs and bounds a second time; the first component of u varies slowest
     box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]
     levels = np.linspace(-given["u_max"], given["u_max"], given["input_levels"])
     inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -80,6 +80,7 @@ class _Path:
     """
 
     def __post_init__(self) -> None:
+        # a field of another path that has two numbers is named here, or it is refused
         for name, value in vars(self).items():
             of_two = name in ("centre", "start", "velocity")
             least = 0.0 if name == "radius" else -np.inf
@@ -184,6 +185,7 @@ class Disk:
 
     def describe(self) -> dict[str, Any]:
         """The disk as plain numbers, lists and strings, which `Disk.of` reads back."""
+        # recipes in files have this, by names of classes and fields; `disk` in the checker's `arm.claims` reads it
         plain = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self.path).items()}
         return {"radius": self.radius, "path": {"kind": type(self.path).__name__.lower(), **plain}}
 
@@ -226,6 +228,7 @@ class Arm:
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")
+        # proofs have these kinematics in `sdhj.certified.arm.proof`, and the checker in its `Scene.world` and `joints`
         l1, l2 = self.lengths
         relative = self.kinematics == "relative"
         upper = Segment(np.zeros(2), _unit(q[..., 0]), l1)

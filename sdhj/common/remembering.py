@@ -36,6 +36,7 @@ class Sealed(dict[str, Any]):
     def __init__(self, given: Mapping[str, Any]) -> None:
         super().__init__({name: sealed_copy(one) for name, one in given.items()})
 
+    # all methods of dict that write: one that is missing here writes
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> Any:
@@ -90,6 +91,7 @@ class Remembering(ReadOnly):
 
     def remembered(self, key: Any, find: Callable[[], T]) -> T:
         """The value kept under a hashable key, at first `find()`, which hangs on the object and the key alone."""
+        # all who ask of one object share its keys: two that use one for different things get each other's
         known = vars(self).setdefault("_remembered", {})
         if key not in known:  # without a lock: two threads may both compute one value
             known[key] = find()

@@ -241,6 +241,7 @@ class Traced(NDArrayOperatorsMixin):
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
             raise _unknown(function.__name__, options, function.__module__)
         # those move entries and compute nothing
+        # of what joins arrays the type is that of all together, of the rest that of the array itself
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
         return _wrapped(

@@ -26,6 +26,7 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
 
     Their intervals over a box bound every slope in it; they are undefined where an output may jump.
     """
+    # asked by `lipschitz_bounds`, for intervals, and by `linear`; a value may be no derivative, see `_interpolated`
     found: Found = {}
     for one in ordered(outputs):
         if one is by:

@@ -160,6 +160,8 @@ class Formula(Remembering):
         What lies between the values on the two sides of a jump is no value of the function; of a set on a circle it
         would be a phantom, half a turn away. So the sides are bounded apart.
         """
+        # The checker takes jumps apart in the same way and up to the same number (its `formulas`): what is proved by
+        # more than that it refuses.
         found, (jumps, operands, rest) = np.array(self.bounds(low, high, *parameters)), self._jumps
         if not 0 < len(jumps) <= MOST_JUMPS:
             return found[0], found[1]
@@ -181,6 +183,7 @@ class Formula(Remembering):
     @cached_property
     def operands_of_min(self) -> "tuple[Formula, ...]":
         """The different formulas whose minimum this one is by its form; (self,) where it is no minimum."""
+        # certified cells are shown clear of each apart, and the checker finds the same ones by its `least_of`
         found, left = dict[Node, None](), [self.outputs[0]]
         while left:
             one = left.pop()
@@ -282,6 +285,7 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
         for arg in dict.fromkeys(one.args):
             if last[arg] == i:
                 free.append(slots[arg])
+        # which may be that of an operand: kernels write into a spare row and then swap the two
         if free:
             slots[one] = free.pop()
         else:
@@ -298,6 +302,7 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
             code[i, 2] = one.value[0]
         elif one.op in ("const", "power"):
             value[i] = one.value
+    # the columns of `Tape.lookups` and `Tape.places`
     found, places = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12))
     for row, (one, used) in enumerate(lookups):
         table, n = one.value, len(used)
@@ -461,7 +466,7 @@ class BlackBox:
             return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
 
         # How it is rounded nobody says: a millionth of a thousandth of what it is and may change by from zero on is
-        # ten million roundings of numbers of that size, in any units.
+        # ten million roundings of numbers of that size, in any units. `stated` of the checker's BlackBox has the same.
         size = np.abs(value) + change(np.abs(centre), abs(middle))
         far = change((high - low) / 2, (time[1] - time[0]) / 2) * (1 + 1e-9) + 1e-9 * size
         return value - far, value + far

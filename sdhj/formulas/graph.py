@@ -17,6 +17,7 @@ import numpy as np
 from sdhj.common.remembering import FloatArray
 from sdhj.formulas.rules import RULES, is_constant
 
+# the checker refuses files above the same limits, which it has itself (its `formulas` and `reading`)
 MOST_EXPONENT = 64  # of `power`, a whole number
 MOST_AXES = 6  # of a table
 MOST_TABLES = 1 << 30  # bytes of all tables that a problem looks up: so many does a file have, and are read
@@ -181,6 +182,7 @@ def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
 
     It is empty where there are more than `most`, to keep callers fast, and may be where there are nearly as many.
     """
+    # `written` has this order, and digests are of what it writes
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
     while stack and len(stack) + len(done) <= most:

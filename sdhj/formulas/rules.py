@@ -167,7 +167,7 @@ def _chord(make: Make, one: Any) -> Any:
     return make("sqrt", make("sub", make(value=1.0), make("sqr", one)))
 
 
-# ---- the records
+# ---- the records, whose names stand in files; the checker's `intervals` has a rule of its own for each
 
 # fmt: off
 RULES = {rule.name: rule for rule in (
@@ -288,6 +288,7 @@ def facts(rules: Sequence[Rule]) -> FloatArray:
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP
         zero = TINY if rule.vanishes else 0.0
+        # in the order in which `sdhj.kernels.tape` numbers the columns
         out[rule.code] = rule.falls, rule.absolute, rule.direct, share, zero, rule.least, rule.most
     out.setflags(write=False)
     return out

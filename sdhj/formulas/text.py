@@ -27,6 +27,7 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
     Tables that are looked up are appended to `tables`; lines refer to them by position.
     """
+    # `Reader` of the checker's `formulas` reads these lines, too, and digests are of them: other lines, another FORMAT
     order, lines = ordered(outputs), list[str]()
     number = {one: str(i) for i, one in enumerate(order)}
     for one in order:
@@ -49,6 +50,7 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
     """The results as nodes, not simplified, from lines that `written` made."""
+    # simplified, they would be written as other lines, of another digest
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
     nodes: list[Node] = []
@@ -140,6 +142,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)
     text: dict[Node, str] = {}
+    # up to s, as t and v have a meaning
     letters, numbers = iter("abcdefghijklmnopqrs"), itertools.count(1)
     lines, named = list[str](), set[str]()
 

@@ -291,6 +291,7 @@ def _traced_answer(
 
     NotTraced where anything was refused meanwhile, else the function's own exception, with a note.
     """
+    # put back at the end, as a function that is traced may itself make a set, which traces another
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0
     try:

@@ -133,6 +133,7 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
         return
     face, hatch = looks.get("facecolor", "none"), looks.get("hatch") or None
     if face != "none" or hatch:
+        # ascending, from below all values: what is filled is where they are <= 0
         levels = [min(low, -1e-9) - 1.0, 0.0]
         filled = ax.contourf(where.x, where.y, values, levels, colors=[face], hatches=[hatch], zorder=zorder)
         filled.set(edgecolor=looks["edgecolor"], linewidth=0.0, gid=gid)

@@ -90,6 +90,7 @@ def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) ->
     draw_frame(left, problem, run, index=index)
     step, n, goal = 0, 0, (0, 0)
     if len(run.inputs):  # a run that starts in the target has no inputs
+        # a sampling time may come out as a little less than its step
         step = min(int(run.times[index] / problem.delta + 1e-6), len(run.inputs) - 1)
         n = int(run.steps_to_go[step])
         goal = (step + 1, max(n - 1, 0))  # the tube in which the interval has to end

@@ -35,6 +35,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
         and not lost
     ):
         return ("t",)
+    # what is returned is what `_arguments_taken` of `sdhj.problem.dynamics` passes, by position and in this order
     places = parameters_of(name, function, signature, known[1:])
     taken = [p.name for i, p in enumerate(places) if not i or p.name in known[1:] or p.default is p.empty]
     fits = bool(taken) and not lost and taken == [p.name for p in places[: len(taken)]]

@@ -68,6 +68,7 @@ class Ball:
             return self.radius * share
         radius: Callable[..., Any] = self.radius
         arguments("bounds", radius)  # refuses what is not called like bounds
+        # through `wraps`, `arguments` sees the user's parameters, and tracing finds the module whose numpy it replaces
         return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
 
     def gain(self, given: Any) -> Any:

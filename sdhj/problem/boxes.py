@@ -102,6 +102,7 @@ def _maxima_by_axis(corners: bytes, count: int, most: int) -> tuple[tuple[int, t
     *others, last = sorted(range(len(different)), key=lambda axis: (bool(spans[:, axis].any()), different[axis]))
     before = np.column_stack([np.zeros(count), spans[:, others].reshape(count, 2 * len(others))])
     kinds = np.unique(before, axis=0, return_inverse=True)[1].reshape(-1)
+    # runs begin at multiples of eight: where the boxes are those of inputs, eight of them share a byte of marks
     runs, first = [], 0
     for end in range(EIGHT, count, EIGHT):  # until more than `most` functions would be kept before the last axis
         if len(set(kinds[first : end + EIGHT].tolist())) > most:
@@ -162,6 +163,7 @@ def crossings(half: FloatArray) -> FloatArray:
     shares = np.concatenate([[-1.0, 1.0], *each])
     # ascending, without repetition
     points = shares[np.unique(np.round(shares, 12), return_index=True)[1], None] * half
+    # what rounding has put beside a plane of nodes is put on it, or a node behind it would count by a tiny share
     return np.where(np.abs(points - np.round(points)) < 1e-9, np.round(points), points)
 
 

@@ -39,6 +39,7 @@ def compared_states(grid: Grid) -> FloatArray:
 
 def compared_times(problem: Any) -> list[float]:
     """The six times, s, at which functions are compared with their formulas."""
+    # some are within the first interval, and one past the last, as are times with a delay
     return [share * problem.delta for share in (0.0, 0.7)] + [
         share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
     ]
@@ -57,6 +58,7 @@ def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
     """Raise ValueError where `swept` is above the level-set function at a time of the interval."""
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
+    # as long as `span`, jitter counted in
     lasting = problem.sensing.hold(problem.delta)[0]
     for step in np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, SWEPT_STATES)).astype(int)).tolist():
         t0, t1 = problem.span(step)
@@ -82,6 +84,7 @@ def check_inputs(problem: Any) -> None:
 
 def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
     """Which points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,)."""
+    # `Samples.goal` says the same at all nodes, for the methods on a grid: both change together
     t, jitter, points = problem.time(step), problem.sensing.jitter, problem.grid.wrapped(points)
     inside = np.ones(len(points), np.bool_)
     for part in problem.all_sets:
@@ -127,6 +130,7 @@ def check_sensing(problem: Any) -> None:
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
     whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
+    # the checker has wider limits of its own (`read_sensing` in `sdhj.certified.check.stated`)
     if sensing.delay + 2 * sensing.jitter > delta:
         raise ValueError(
             f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "
@@ -153,6 +157,7 @@ def check_sensing(problem: Any) -> None:
 def _some_box_in_goal(problem: Any, points: FloatArray, step: int) -> bool:
     """Whether of some point all corners of the box of 2 E around it are `in_goal`."""
     points = points[in_goal(problem, points, step)]
+    # twice: M is the goal shrunk by E, and W, which is promised, M shrunk by E (`sdhj.problem.sensing`)
     for off in 2 * problem.half_widths[0] * np.array([*product((-1.0, 1.0), repeat=problem.grid.ndim)]):
         corners = problem.grid.clipped(points + off)
         inside = ~problem.grid.beyond(corners, "fails")  # at walls they are clipped

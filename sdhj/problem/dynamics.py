@@ -88,6 +88,7 @@ class Dynamics(ReadOnly):
             few = ", ".join(f"[{value:g}]" for value in inputs.ravel()[:3]) + ", ..." * (inputs.size > 3)
             helps = f"; of one number each: [{few}]" if inputs.ndim < 2 and inputs.size else ""
             raise ValueError(f"inputs must have shape (L, m), a row for each input, got {inputs.shape}{helps}")
+        # first of all, so that who gives drift=f(q, u, v) is told to give a velocity, and not that bounds lack a gain
         for name in ("drift", "gain"):
             if callable(given := getattr(self, name)):
                 arguments(name, given)
@@ -99,6 +100,7 @@ class Dynamics(ReadOnly):
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
             raise ValueError("gain and bounds belong together: how the disturbance moves the state, how large it is")
         if isinstance(ball := self.bounds, Ball):  # from here on, its sides are components
+            # of the user's velocity, before that of the sides takes its place below
             if self.velocity is not None and not isinstance(self.velocity, BlackBox):
                 velocity, most = ball.in_polar(self.velocity)
                 # in case v does not enter linearly
@@ -150,6 +152,7 @@ class Dynamics(ReadOnly):
             if isinstance(gain, BlackBox):
                 raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
             gain = gain and Formula.traced("gain", partial(_scaled_gain, gain, bounds), ndim)
+            # `bounds_at` and `disturbance_bounds` of the result evaluate bounds at one state only
             bounds = constant_formula("bounds", np.ones(bounds.shape), ndim)
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
@@ -200,6 +203,7 @@ class Dynamics(ReadOnly):
         outputs: list[Node] = []
         for j, u in enumerate(self.inputs):
             label = f"{name} under input {j}" if "u" in takes else name
+            # under the first input alone `again`, with another number of points, which takes as long once more
             found, one = traced(label, given, rows, partial(taken, u), shape, "points" in takes, again=j == 0)
             if name == "bounds" and len(one) != 1:
                 points = ("M",) * ("points" in takes)

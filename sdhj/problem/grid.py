@@ -75,6 +75,7 @@ class Grid(Remembering):
 
     def __init__(
         self,
+        # in the order of `LAYOUT` in `sdhj.problem.describing`, in which `sdhj.load` gives these of a file
         lower: Sequence[float],
         upper: Sequence[float],
         shape: Sequence[int],
@@ -110,6 +111,7 @@ class Grid(Remembering):
         for name, values in checked.items():
             object.__setattr__(self, name, tuple(values))
         each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
+        # a file has no spacing: `sdhj.load` and the checker work it out from the ends and the number of nodes again
         own = [(high - low) / (n if turns else n - 1) for low, high, n, turns in each]
         spacing, added = (own, [(0, 0)] * ndim) if _past is None else _past
         object.__setattr__(self, "spacing", tuple(spacing))
@@ -128,7 +130,7 @@ class Grid(Remembering):
     @property
     def sampling_bytes(self) -> int:
         """Bytes to sample a function in `pieces`."""
-        # room for a piece, and three float64 copies of the values
+        # asked by `check_sensing` and `bytes_of_solve`: room for a piece, and three float64 copies of the values
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     def nodes(self, axis: int) -> FloatArray:
@@ -169,6 +171,7 @@ class Grid(Remembering):
     def piece_shape(self) -> tuple[int, tuple[int, ...]]:
         """How many nodes of one axis are in a piece, and how many pieces are along that axis and those before it."""
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
+        # `try_goals` draws pieces by their numbers, as `pieces` counts them: along the last of these axes fastest
         some = PIECE // math.prod(self.shape[axis + 1 :])
         return some, (*self.shape[:axis], -(-self.shape[axis] // some))
 
@@ -274,6 +277,7 @@ class Grid(Remembering):
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
+        # `tape_of_problem` packs these nine arrays in their order, and `unpacked_lattice` finds them by it
         nodes = np.array(self.lower), np.array(self.spacing), shape, np.array(self.periodic)
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 

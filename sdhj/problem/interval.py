@@ -32,6 +32,7 @@ MOST_PIECES = 4096  # of the box of v, of which hulls are made: with more, what 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(low + spread, high - spread); the middle twice where nothing is left beyond `ROUNDING`."""
+    # a box of displacements without the share of its segments, with which it is the whole again: `_corners`, `HopfLax`
     if not np.any(spread):
         return low, high
     middle, left = (low + high) / 2, (high - low) / 2 - spread
@@ -179,6 +180,7 @@ class Interval(ReadOnly):
         large a share of each segment; or, where v is cut, the last on the way there beyond no plane of `normals`.
         """
         low, high, _, _, *halves = np.moveaxis(self.displacement_sets(states), -1, 1)[..., None, :]
+        # `place_points` in `sdhj.kernels.true_sets` has such points for compiled look-ups: both change together
         points = low * (1 - sides) + high * sides
         if (normals := self.normals).size:
             middle, way = (low + high) / 2, points - (low + high) / 2
@@ -286,6 +288,7 @@ class Interval(ReadOnly):
         if not dynamics.oblique:
             return []
         gains = [dynamics.gain_at(points, j, begin) for j in count]
+        # at a number, as `begin` may be traced: what `oblique` has depends on no time
         bounds = [dynamics.bounds_at(j, self.begin) for j in count]
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
@@ -346,6 +349,7 @@ class Interval(ReadOnly):
         if not fixed or not dynamics.couples(own):
             return np.zeros((len(dynamics.inputs), 0, len(own)))
         nothing, count = np.zeros((1, grid.ndim)), range(len(dynamics.inputs))
+        # as `_half_segments`, which is for look-ups; for games, on their axes, and without what a wall makes wrong
         pushes = np.stack([dynamics.gain_at(nothing, j, self.begin)[0] * dynamics.bounds_at(j) for j in count])[:, own]
         some = np.abs(pushes) > ROUNDING * np.abs(pushes).max()  # the rest is rounding, as of a gain that is a rotation
         pushes *= some
@@ -392,6 +396,7 @@ class Interval(ReadOnly):
     @kept
     def speeds(self) -> FloatArray:
         """The greatest |velocity| along each axis over nodes, inputs and v, at some instants only: (ndim,)."""
+        # an estimate: by it avoid games get nodes past ends, a solve is said to take memory, runs are looked at closely
         dynamics, ndim, most = self.dynamics, self.grid.ndim, np.zeros(self.grid.ndim)
         instants = self.begin + self.delta * (INSTANTS[::4] if dynamics.depends_on_time else INSTANTS[:1])
         for j, t in product(range(len(dynamics.inputs)), instants.tolist()):
@@ -456,6 +461,7 @@ class Interval(ReadOnly):
             lows.append(low.min(axis=outside))
             highs.append(high.max(axis=outside))
             swayed += bool(np.ptp(low, axis=outside).any() or np.ptp(high, axis=outside).any())
+        # by the rule of `velocities`, which takes modes where more than one axis is swayed
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points_of_axes(self, seen: list[int]) -> FloatArray:

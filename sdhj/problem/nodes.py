@@ -67,6 +67,7 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 def closed(grid: Grid, values: FloatArray, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
     """Values of an unsafe set, negative at all nodes where they are <= 0, as G is closed: new."""
+    # all shares are of this size, so that a function in other units, a multiple of it, gives the same set
     size = size_of(grid, function)
     flat = np.abs(values) <= HAIR * size
     for axis in range(grid.ndim if flat.any() else 0):
@@ -112,6 +113,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     The least, over the points z that cut each cell's edge into `FINE` parts, of f(z) - 1/2 sum over the axes of the
     largest |f(z') - f(z'')|, z' and z'' neighbours along the axis within one part of z.
     """
+    # an estimate: between the points of a black box nothing is known
     lines = [  # where a periodic axis closes both ends have points
         np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)
         for low, high, n, periodic in zip(grid.lower, grid.upper, grid.shape, grid.periodic, strict=True)

@@ -132,6 +132,7 @@ class ReachAvoidProblem(Remembering):
         if isinstance(given := self.dynamics, Dynamics):
             object.__setattr__(self, "dynamics", given.read(ndim))
             given.compare(self.dynamics, compared_states(self.grid), compared_times(self))
+        # only from here on is every field what is made of it: cached properties must not be asked above
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -164,7 +165,7 @@ class ReachAvoidProblem(Remembering):
                 check_swept(self, part)
         try_goals(self)
         if self.sensing:
-            check_sensing(self)
+            check_sensing(self)  # last, as E rests on all that was checked
 
     def _check_parts(self) -> None:
         """Check the types of most fields, and make a target of None `ANYWHERE` and the recipe read-only."""
@@ -261,6 +262,8 @@ class ReachAvoidProblem(Remembering):
         Boxes of reachable states are widened to hold the next prediction: by E + w(h), dw/dt = A w + jumps, w(0) = E,
         for the longest hold h; or with memory the next point: by `error_growth` - b h.
         """
+        # Cells have an E of their own, `sdhj.certified.images.prediction_error`: their file has it as "unsure", and the
+        # checker proves it.
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
             return nothing, nothing
@@ -339,6 +342,7 @@ class ReachAvoidProblem(Remembering):
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
         """Level-set function of G along paths of states (M, T, ndim), under inputs (M,): (M, T)."""
+        # compiled look-ups evaluate sets that are formulas themselves; they ask this where one is a black box
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -353,6 +357,7 @@ class ReachAvoidProblem(Remembering):
     def arrived(self, states: FloatArray, step: int) -> FloatArray:
         """The numbers of those states that are known to be in the target and no unsafe set at a step."""
         level_set, axes, t = self.target.level_set, self.target.axes, self.time(step)
+        # certified tables ask, and promise such a state whatever its cell is
         if self.has_no_target or self.sensing:
             return np.zeros(0, np.int64)  # with a `Sensing` the true state is not known
         points, rows = self.grid.wrapped(states), None
@@ -391,6 +396,7 @@ class ReachAvoidProblem(Remembering):
     def functions(self) -> "dict[str, Formula | BlackBox]":
         """All functions of the problem, by the names that files give them."""
         dynamics = self.dynamics
+        # `formulas_in`, `blackbox_values`, `in_mathematics` of `sdhj.cli` and the checker's `Problem` know these names
         named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
         named |= {"bounds": dynamics.bounds, "target": None if self.has_no_target else self.target.level_set}
         for i, part in enumerate(self.unsafe):
@@ -407,6 +413,8 @@ class ReachAvoidProblem(Remembering):
     @property
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as plain numbers, lists and text."""
+        # `inputs` are left out where there are none: an entry of None would change the digests of all such files.
+        # The checker refuses a field that it does not know (`entry` in `sdhj.certified.check.stated`).
         sets: list[dict[str, Any]] = [
             {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
             | ({} if p.inputs is None else {"inputs": list(p.inputs)})

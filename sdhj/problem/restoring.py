@@ -35,6 +35,7 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
         shown = "; ".join(f"{name}: {why}" for name, why in opaque.items())
         raise ValueError(f"it has black boxes ({shown}), which a file cannot contain: use load(path, problem=...)")
     found = formulas_in(head, tables)
+    # a velocity is the drift of a `VectorField` without a gain, as in `ReachAvoidProblem.functions`
     drift = found.get("velocity", found.get("drift"))
     if drift is None or ("gain" in found) == ("velocity" in found):
         raise ValueError("it must have the formulas drift and gain, or velocity")
@@ -44,6 +45,7 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
             target = TargetSet(entry["axes"], found[name], entry["name"])
         else:
             swept = found.get(name.replace("unsafe", "swept"))
+            # in the order of the fields of `UnsafeSet`
             how = swept, entry["name"], entry["sampling"], entry.get("inputs")
             unsafe.append(UnsafeSet(entry["axes"], found[name], *how))
     parts = drift, found.get("gain"), found["bounds"], formulas.get("pieces", CUTS)
@@ -62,6 +64,7 @@ def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
     """The formulas that a file describes, by their names in `ReachAvoidProblem.functions`."""
     functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
+    # the last line is `return` and a number for each result
     components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
     expected: dict[str, Any] = {"drift": (ndim, 1, (count, ndim)), "velocity": (ndim, 1 + components, (count, ndim))}
     expected |= {"gain": (ndim, 1, (count, ndim, components)), "bounds": (ndim, 1, (count, components))}

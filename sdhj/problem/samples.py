@@ -70,6 +70,7 @@ class Samples:
         step = step if self.dynamics.depends_on_time else 0
         if step not in self._intervals:
             known = self.problem.interval(step)
+            # only games are played on other grids, and what these lead into is shrunk by `must_lead_into` instead
             self._intervals[step] = replace(known, grid=self.grid, dynamics=self.dynamics, widening=0.0)
         return self._intervals[step]
 
@@ -94,6 +95,7 @@ class Samples:
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1)."""
         problem, grid, target = self.problem, self.grid, self.problem.target
+        # `in_goal` of `sdhj.problem.consistency` says the same of any point
         t, jitter, values = problem.time(step), problem.sensing.jitter, np.full((1,) * grid.ndim, -np.inf)
         if not problem.has_no_target:
             values = grid.lift(self.sample(target, t), target.axes)

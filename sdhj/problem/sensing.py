@@ -113,8 +113,10 @@ class Sensing:
     @property
     def entry_in_head(self) -> dict[str, Any]:
         """The fields by name, for the head of a file: without a False `memory`, and {} where robots measure exactly."""
+        # the checker takes a `memory` that is left out as False, too
         return {name: value for name, value in vars(self).items() if name != "memory" or value} if self else {}
 
     def hold(self, delta: float) -> tuple[float, float]:
         """The longest time for which an input may be held, and by how much that may be shorter, s."""
+        # in the order of `Interval.delta` and `Interval.early`, which `ReachAvoidProblem.interval` fills with them
         return delta + 2 * self.jitter, 4 * self.jitter

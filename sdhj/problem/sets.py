@@ -338,6 +338,7 @@ class UnsafeSet(LevelSet):
 
     def least(self, low: FloatArray, high: FloatArray, t0: float, t1: float | None, view_time: str) -> FloatArray:
         """Lower bounds (M,) in boxes of the level-set function at t0 or of that of `over`."""
+        # case by case as `over`, with the same instants: of sampling="cell" it takes the place of that
         times = [(t0, t0)]
         if self.moving and t1 is not None:
             if view_time == "swept" and self.swept is not None:

@@ -33,6 +33,7 @@ def lipschitz_bounds(
     # apart, differ by J w / h only. With `jumps` the bound is never too low; where it is too high, nothing is left of
     # the target, and a solve says so.
     ndim, D = grid.ndim, dynamics.disturbance_dim
+    # ends of what `_velocities` reads: the state, the time, and components of v as shares of their bounds
     low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])
     slope, push, jumps = np.zeros((ndim, ndim)), np.zeros(ndim), np.zeros(ndim)
     pushed = [leaf("x", ndim + 1 + d) for d in range(D)]

@@ -139,6 +139,7 @@ class VectorField(Remembering):
         moved = self.pushes
         if self.constant:
             pushed = np.abs(self.arrays[1]) * self.arrays[2]
+            # as in `couples`, and as by `ROUNDING` in `Interval.segments`: what one drops the others have to drop
             moved = (pushed > 1e-12 * pushed.max(initial=0.0))[None]
         # in this order `Interval.displacement_sets` has their segments
         return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
@@ -150,6 +151,7 @@ class VectorField(Remembering):
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
         """The dynamics of some axes, numbered anew, the others at `lower`, which must not matter to these."""
+        # `sdhj.solver.avoid` asks, of axes whose velocities read no others (`Interval.self_contained`)
         keep = list(axes)
 
         def full(points: Any) -> Any:
@@ -205,7 +207,8 @@ class VectorField(Remembering):
         """The gain of v under input j at points (M, ndim) and time t, s: (M, ndim, D)."""
         if self.gain is not None:
             return self.functions_by_input["gain"][j](points, t)
-        # the mean slope over the range of each component, the others being 0
+        # The mean slope over the range of each component, the others being 0. Adversaries, records and warnings ask: no
+        # game and no proof goes by it.
         most, columns = self.bounds_at(j, t), []
         for d in range(self.disturbance_dim):
             ends = [
@@ -277,6 +280,7 @@ class VectorField(Remembering):
 
     def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times) -> Ends:
         """Bounds (M, ndim) of the velocity under input j over boxes and `time`; -+inf if undefined."""
+        # the checker has its own (`velocity` in `sdhj.certified.check.stated`): what holds by narrower ones it refuses
         if not self.formulas:
             return self._declared(j, low, high, time)
         if self.gain is None:

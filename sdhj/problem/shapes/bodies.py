@@ -121,7 +121,7 @@ class Body:
         object.__setattr__(self, "radius", number("radius of a body", self.radius, least=0.0))
         if self.pose is not None and not callable(self.pose):
             raise ValueError("the pose of a body must be a function of (points, t) that returns x, y and heading")
-        _ = self.parts
+        _ = self.parts  # refuses edges that cross, here and not at the first look
 
     @cached_property
     def parts(self) -> list[Part]:
@@ -188,6 +188,7 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
     for body, far in ((b, of_a), (a, of_b)) if len(b.corners) else ((b, of_a),):
         for normal, ends, offset in zip(body.normals, body.ends, body.offsets, strict=True):
+            # `part` has measured `ends` along normal @ TURN, too
             beside.append(([one - offset for one in far(normal)], far(normal @ TURN), ends))
     if not beside:  # two points
         (p, q), corner = b.corners[0], a.corners[0]

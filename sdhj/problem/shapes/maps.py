@@ -76,6 +76,7 @@ def map_distance(
     x, y, yaw = (*finite_array("origin", origin).tolist(), 0.0)[:3]
     nodes = distances_at_nodes(blocked, side)
     width, height = ((np.array(nodes.shape) - 1.0) * (side / 2)).tolist()
+    # h / sqrt(2) of the module's bound, as h is side / 2
     nodes -= side / math.sqrt(8.0) + radius
     nodes.setflags(write=False)  # so that it is not copied
     table = gridded(nodes, [0.0, 0.0], [side / 2, side / 2])
@@ -151,6 +152,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     darkness = (grey if words[negate.lower()] else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
     if (grey[~blocked] == UNKNOWN_GREY).any():
+        # at the line that calls `UnsafeSet.from_map`: a function more in between takes another level
         warnings.warn(
             f"{path} counts the grey {UNKNOWN_GREY}, which usually marks unknown pixels, as free, because its "
             f"free_thresh {free:g} is above {1 - UNKNOWN_GREY / 255:.4f}; lower it if these pixels are unknown",
