@@ -235,6 +235,8 @@ def _locked(path: Path) -> Iterator[None]:
     finally:
         if lock is not None:
             with suppress(OSError), lock:
+                # one who waits for the removed file and one who makes it anew may both compile then, which costs time
+                # alone
                 path.unlink()
 
 

@@ -160,6 +160,8 @@ def rows_inside(total, cells, index, pool, scratch):
 @kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
     """Whether the image of a cell (ndim,), at a place, under move j is in a set (`rows_inside`), or past a safe end."""
+    # `grow_row` asks it while sets are made, or `images_inside`, which has to say the same, and `certified_inputs` later:
+    # so the input that made a cell certified is found again
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
     return rows_inside(total, cells, index, pool, scratch)
 
@@ -314,6 +316,7 @@ def boxes_along(low, high, k, lattice):
 @kernel()
 def add_up(flat, n, stride):
     """Add to each entry of `flat` (M,), in place, all entries before it along an axis of n entries, `stride` apart."""
+    # once for each axis it makes prefix sums, of which `count_in_a_line` takes differences
     for begin in range(0, flat.size, n * stride):
         for at in range(begin + stride, begin + n * stride):
             flat[at] += flat[at - stride]
@@ -383,6 +386,7 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
     tubes (places, parts, ndim, 2) : how far a cell's ends move, at each of `places` (begin, end). together : of how
         many places lines follow one another, at most.
     """
+    # bits are only cleared: sets, parts and steps may be marked one after another, in any order
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
     together = max(min(together, CELLS_TOGETHER // length), 1)
     for chunk in prange(CHUNKS):

@@ -72,6 +72,7 @@ def play_interval(
             if some.size:
                 way = before[some], met[some] - before[some], now, first.duration
                 clearance[some] = np.minimum(clearance[some], _least_between(problem, unsafe_set, *way))
+        # in this order: who meets a set in the substep in which it leaves the grid has collided
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & problem.grid.beyond(states, "fails")] = OFF
         if problem.has_no_target:
@@ -130,6 +131,7 @@ def _may_meet(
         least = unsafe_set.level_set.bounds_by_branch(low, high, times)[0]
     except ValueError:  # a black box declares too little: nothing is looked for between substeps
         return np.zeros(len(points), np.bool_)
+    # NaN, bounds that are undefined, leaves it open, too
     return ~(least > 0.0) | over_seam.any(axis=1)
 
 

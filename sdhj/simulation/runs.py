@@ -240,6 +240,7 @@ def simulate(
     outcomes, _ = rollouts(controller, start[None], play, rng, watch, steps=steps)
     inputs, steps_to_go = np.array(applied, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
+        # without an interval, as of a run that begins in the target, there is no moment, and one instant
         times=np.array([began[0] if began else 0.0, *(t for t, _, _ in seen)]),
         states=np.array([start, *(state for _, state, _ in seen)]),
         inputs=inputs,

@@ -585,6 +585,7 @@ def check_begun(folder: Folder, sets: GridSets) -> None:
 def check_finished(folder: Folder, sets: GridSets) -> None:
     """TableFileError unless a folder has the table of this problem by this method, with these options."""
     with opened_table(folder.path, check=False) as (head, file):
+        # a table's details have the options of its method under the same names (`fill`)
         options = {name: head["details"].get(name) for name in sets.options}
         now = head_of(sets)
         if (head["method"], options) != (now["method"], now["options"]):

@@ -315,6 +315,8 @@ class GridParts:
 
 def bytes_of_entry(parts: GridParts) -> int:
     """Upper estimate of the bytes of a solve beside its table, and the process itself."""
+    # a solve is refused by it before anything is computed (`require_memory`, `opened`): too little here, and it fails
+    # halfway
     problem, dynamics, item = parts.problem, parts.problem.dynamics, np.dtype(parts.dtype).itemsize
     games = parts.samples.padded.grid
     count, axes = len(problem.inputs), range(problem.grid.ndim)

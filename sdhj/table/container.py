@@ -338,6 +338,7 @@ def first_in(image: memoryview) -> tuple[int, int]:
     """Where the head begins in a zip, and the size that is stated."""
     if len(image) < HEADER or bytes(image[:4]) != b"PK\3\4" or image[30 : 30 + len(HEAD)] != HEAD.encode():
         raise Damaged("it does not begin as a table's file does")
+    # 30 bytes, the name, and 4 of the extra field, before the size (`Member.header`)
     begin = len(Member(HEAD.encode(), 0, 0, 0, False, 0).header)
     return begin, int.from_bytes(image[30 + len(HEAD) + 4 :][:8], "little")
 

@@ -162,6 +162,7 @@ class CostToGo(ReadOnly):
         rows, inputs = np.nonzero(controller.allowed(batch) & ~over[:, None])
         if rows.size:
             asked = Candidates(problem, batch, rows, inputs, np.full(len(rows), NOT_ADMISSIBLE))
+            # of all inputs that are asked about in a state the least
             np.minimum.at(out, rows, controller.scores(asked))
         return out
 

@@ -57,6 +57,7 @@ def replaced_whole(path: Named) -> Iterator[Path]:
     with _temporary(path) as temporary:
         try:
             yield temporary
+            # on the disk before it gets its name: or a crash may leave an empty file there
             with open(temporary, "r+b") as file:
                 os.fsync(file.fileno())
             os.replace(temporary, path)
@@ -102,6 +103,7 @@ def _regular_path(path: Named) -> Path:
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
+        # of a link the file that it names: `os.replace` would put a new file in place of the link
         path = Path(os.path.realpath(path))
         mode = os.stat(path).st_mode
     except (FileNotFoundError, NotADirectoryError, PermissionError):
@@ -205,6 +207,7 @@ def opened_table(path: Named, check: bool | None = None) -> Iterator[tuple[dict[
         yield checked_head(file.head), file
     except TableFileError:
         raise
+    # a ValueError too, as is `TableFileError`: so both come before the last clause
     except Damaged as error:
         raise TableFileError(_no_table(path)) from error
     except FileNotFoundError:
@@ -323,6 +326,7 @@ class Origin:
             unchanged = Contents(self.path).sha256 == self.sha256
         except (OSError, ValueError, LookupError, TypeError):
             unchanged = False
+        # with None `Table.__reduce_ex__` pickles the arrays themselves
         opaque = table.problem if table.problem.opaque else None
         return (reopened, (type(table), self.path, self.sha256, opaque, table.player)) if unchanged else None
 

@@ -219,6 +219,7 @@ def image_certified(cell, j, motion, cells, index, pool):
         i2 = motion.first[1, j, cell[1]]
         for _ in range(motion.number[1, j, cell[1]]):
             which = index[i1 * n2 + i2]
+            # a pool of `CellSets` has it first
             if which == 0:  # the empty block
                 return False
             for x in range(x0, x1):

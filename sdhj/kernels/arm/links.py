@@ -140,6 +140,7 @@ def convex_hull(n, scratch):
         size += 1
         if i == n - 1:
             least = size + 1  # the upper chain starts at the last corner of the lower one
+    # `touch_cells` counts on the first corner being the leftmost, lowest one
     return max(size - 1, 1)
 
 
