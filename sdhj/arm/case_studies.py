@@ -216,6 +216,7 @@ def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem) -> bool:
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
     """The workspace of a case study's problem, to draw or to measure distances in."""
+    # drawings ask, and `ArmProof`, which proves by what this says of arm, disks and agent
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
     return _scene(_checked_recipe(problem.recipe))

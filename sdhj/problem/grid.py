@@ -321,6 +321,7 @@ class Grid(Remembering):
 
     def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
         """Whether states (..., ndim) are past an end with one of these fates by more than `SLACK` cells: (...)."""
+        # the slack is that of `arrays`, by which compiled look-ups judge
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 

@@ -163,7 +163,9 @@ def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, d
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
     rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push
     total = term.copy()
-    for place in range(1, TERMS):  # exact to rounding unless slope times duration is large
+    # Exact to rounding unless slope times duration is large: terms are missed from some 40 on, where a box has grown by
+    # 1e17.
+    for place in range(1, TERMS):
         term = rate @ term * (duration / place)
         total += term
     return total[:ndim]

@@ -90,6 +90,7 @@ class VectorField(Remembering):
     @kept
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i may depend on coordinate k: (ndim, ndim)."""
+        # a False has to be sure: games leave such an axis out, and cells that lie apart along it share one place
         out = np.zeros((self.ndim, self.ndim), np.bool_)
         for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
