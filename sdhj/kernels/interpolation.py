@@ -41,7 +41,8 @@ def locate(coordinate, axis, lattice):
 
     Beyond an end of a bounded axis, those of the end. Nodes of a periodic axis are to be taken modulo its shape.
     """
-    # of finite coordinates: of NaN the node could be any number, so callers have to ask `on_grid` or be handed finite ones
+    # of finite coordinates: of NaN the node could be any number, so callers have to ask `on_grid` or be handed finite
+    # ones
     position = (coordinate - lattice.lower[axis]) / lattice.spacing[axis]
     if lattice.periodic[axis]:
         left = int(np.floor(position))

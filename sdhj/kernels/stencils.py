@@ -160,8 +160,8 @@ def rows_inside(total, cells, index, pool, scratch):
 @kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
     """Whether the image of a cell (ndim,), at a place, under move j is in a set (`rows_inside`), or past a safe end."""
-    # `grow_row` asks it while sets are made, or `images_inside`, which has to say the same, and `certified_inputs` later:
-    # so the input that made a cell certified is found again
+    # `grow_row` asks it while sets are made, or `images_inside`, which has to say the same, and `certified_inputs`
+    # later: so the input that made a cell certified is found again
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
     return rows_inside(total, cells, index, pool, scratch)
 
