@@ -132,7 +132,7 @@ def maxima(
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         done = {axis_maxima.axis for axis_maxima in axes_maxima}
-        # `wanted` has the nodes at which maxima are asked, as `Grid.inner`; an axis along which none are taken is cut here
+        # `wanted`, as `Grid.inner`: the nodes at which maxima are asked; axes along which none are taken are cut here
         rest = [slice(None) if axis in done or not wanted else wanted[axis] for axis in range(grid.ndim)]
         # a copy of what may not be written to, for which kernels would be compiled once more
         found = np.require(values[tuple(rest)], requirements=("C", "W"))[None]
