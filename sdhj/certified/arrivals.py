@@ -33,6 +33,7 @@ def sites_of(
 
     All is 0 where images are judged by cells alone, without a target or with `Sensing`.
     """
+    # `Argument.read_proof` works strides and shape out once more, and refuses a file with another shape
     strides = np.zeros(len(axes), np.int64)
     if problem.has_no_target or problem.sensing:
         return strides, (0, 0, 0)
@@ -89,6 +90,7 @@ class Arrivals:
         cells[:, free] = np.stack(found[1:], axis=1) if free else cells[:, free]
         low, high = np.empty((2, len(cells), len(target.axes)))
         for column, axis in enumerate(target.axes):
+            # once for states near the cell, once for rounding; the checker takes as much (`Argument.arrivals_hold`)
             edges, more = proof.axes[axis].edges(), 2 * proof.shell[axis]
             low[:, column] = edges[cells[:, axis]] + last[found[0], axis, 0] - more
             high[:, column] = edges[cells[:, axis] + 1] + last[found[0], axis, 1] + more

@@ -68,17 +68,20 @@ def arrived_in_c(problem: ReachAvoidProblem) -> list[str]:
     for axis, (low, high, periodic) in enumerate(ends):
         body.append(f"  double q{axis} = state[{axis}];")
         if periodic:
+            # as `into_period` wraps it in Python, up to rounding
             length, at = high - low, f"q{axis}"
             body.append(f"  {at} -= {low!r}; {at} -= floor({at} / {length!r}) * {length!r}; {at} += {low!r};")
             body.append(f"  if ({at} >= {high!r}) {at} = {low!r};")
     for number, (part, sign) in enumerate(sets):
         *lines, last = _lines(part.level_set, part.axes, f"s{number}n")
         body += [f"  const double {line};" for line in lines]
+        # where the function is no number nobody has arrived, as in Python
         body.append(f"  if (!({last} {sign} 0.0)) return 0;")
     unused = [f"  (void)q{axis};" for axis in range(grid.ndim)]
     return [
         "/* Whether a state on the grid is in the target and in no unsafe set, whatever its cell: for table.arrived */",
         "static inline int sdhj_robot_arrived(uint32_t step, const double *state) {",
+        # the time of the step, as there is no delay: with `Sensing` nothing is written
         f"  const double t = (double)step * {problem.delta!r};",
         *body,
         "  (void)t;",

@@ -48,6 +48,7 @@ class Bounds:
         if not dynamics.formulas or dynamics.gain is None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
         # without the other components this is faster
+        # of its results the first ndim are the least velocities, the others the greatest
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
@@ -115,6 +116,7 @@ class Bounds:
 
         A box of open sign is cut in two along each axis, `halvings` times, to `most` pieces together; then it is False.
         """
+        # for `Arrivals` alone; `box` has for each piece the number of the box that it is of
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
             middle = (low + high) / 2
@@ -167,6 +169,7 @@ def _sign_by_halving(
             middle = (low[:, axis] + high[:, axis]) / 2
             low, high, box = np.concatenate([low, low]), np.concatenate([high, high]), np.tile(box, 2)
             low[middle.size :, axis] = high[: middle.size, axis] = middle
+    # 0 where pieces are left open, and where some are > 0 and some <= 0
     known = np.ones(above.size, np.bool_)
     known[box] = False
     return known * (above.astype(np.int8) - below)
@@ -202,6 +205,7 @@ def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArr
         count = cut_boxes(*some, ends, periodic, cut, rows)
         found: Any = [np.asarray(end) for end in bounded(*cut[:, :count])]
         if count > size:
+            # `cut_boxes` writes the pieces of a box one after the other, on which `reduceat` rests
             first = np.flatnonzero(np.diff(rows[:count], prepend=-1))
             found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)
         out = out if begin else np.empty((2, len(low), *found[0].shape[1:]))

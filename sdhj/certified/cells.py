@@ -42,7 +42,7 @@ IndexArray = NDArray[np.int64]
 MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
 UNCOUNTABLE = 2.0**40  # cells: farther than any image that is kept
-DRIFT = 1e-13  # of the largest coordinate of an axis, in one step; FOREVER steps of it are STATE_SLACK
+DRIFT = 1e-13  # of an axis's largest coordinate, in one step: 1000 of it are STATE_SLACK, two the checker's STICKS
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
 FEW_DIGITS = 8  # and with fewer than these a number that twelve digits of a rounded one are
 POWERS = range(-40, 41)  # of two, in which decimals are looked for
@@ -52,7 +52,7 @@ def as_fraction(value: float) -> Fraction:
     """The decimal that `value` is written as, as a fraction: 0.3 is three tenths.
 
     Of all decimals times a power of two that round to this float, the one of fewest digits, so 0.3 / 1024 is three
-    tenths over 1024; with more than `EXACT_DIGITS` digits the float itself. The checker reads numbers so, too.
+    tenths over 1024; with more than `EXACT_DIGITS` digits the float itself. The checker's `decimal` has to read alike.
     """
     return _decimal(float(value), "", EXACT_DIGITS) or Fraction(value)
 
@@ -82,6 +82,7 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
     """The least and the greatest that the period upper - lower may be; equal where both are short decimals."""
     period = as_fraction(upper) - as_fraction(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
+    # on both sides: together far less than files may state (`Argument.uncovered`, `KNOWN_TURN` of an arm)
     doubt = Fraction(0) if short else period / 2**49
     return period - doubt, period + doubt
 
@@ -137,6 +138,7 @@ class CellAxis:
     def image(self, back: Fraction, ahead: Fraction) -> tuple[IndexArray, IndexArray]:
         """The first of the cells that each may be in after a displacement in [back, ahead], and how many: (count,)."""
         cell = np.arange(self.count)
+        # for arms alone; the checker has it in fractions (`overlapped`), and an export must have exactly the same cells
         first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))
         if not self.periodic:
             first, last = (np.clip(end, 0, self.count - 1) for end in (first, last))
@@ -167,6 +169,7 @@ class CellAxis:
 
         An image is in the layer at a wall where all of it is held at that wall; no other image overlaps a layer.
         """
+        # one length will do: an axis with a wall is not periodic
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
         begin, end = edges[cell] + low, edges[cell + 1] + high
@@ -181,6 +184,7 @@ class CellAxis:
 
 def _whole_cells(cells: NDArray[np.float64]) -> IndexArray:
     """Numbers of cells as int64, clipped to +-`UNCOUNTABLE`, as which NaN counts."""
+    # so many are refused by `Images.in_cells`, where NaN, or what int64 does not hold, could pass as few
     return np.nan_to_num(np.clip(cells, -UNCOUNTABLE, UNCOUNTABLE), nan=UNCOUNTABLE).astype(np.int64)
 
 
@@ -206,6 +210,7 @@ def sees_walls(problem: ReachAvoidProblem) -> bool:
 
 def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     """The numbers of layers (lower, upper) of an axis: 1 at a wall if a velocity depends on this coordinate."""
+    # as a velocity reads it, it is an axis of a place: `Argument.uncovered` asks that of each axis with a layer
     # else nobody can know that a state is at the wall
     known = (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any()
     lower, upper = (int(known and holds) for holds in problem.grid.ends_where("holds")[:, axis])
@@ -234,6 +239,8 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
 def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> Cells:
     """The cells of all axes as arrays for compiled code, those of all but `rows` leading axes packed into bits."""
     return Cells(
+        # A layer has no width, but here it counts as a cell beyond its end. Exports have these numbers (`file_of`), and
+        # the checker works them out once more, in `differences`.
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
         width=np.array([float(axis.width) for axis in axes]),
         length=np.array([float(sum(axis.extent) / 2 + sum(axis.layers) * axis.width) for axis in axes]),
@@ -248,6 +255,8 @@ def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> C
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     """Whether the velocity along an axis depends on the input and the disturbance alone."""
     dynamics = problem.dynamics
+    # The checker has its own of it, `Problem.steady`, for walls on axes of no place: where this says more, a file is
+    # refused.
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
     return dynamics.constant or (
         bool(dynamics.formulas) and known and not (dynamics.reads[axis].any() or dynamics.depends_on_time)
@@ -265,6 +274,8 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
 def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     dynamics = problem.dynamics
     if not dynamics.constant:
+        # The bounds are rounded outward, and taken for the short decimals that they are near: obligation 8 of
+        # `sdhj.certified.sets` counts by how much.
         anywhere = np.array(problem.grid.lower)[None]
         least, most = dynamics.velocity_bounds(j, anywhere, anywhere, (0.0, 0.0))
         return as_rounded_fraction(least[0, axis]), as_rounded_fraction(most[0, axis])
@@ -278,6 +289,8 @@ def prediction_error_along(problem: ReachAvoidProblem, axis: int) -> Fraction:
     """E along one axis of constant dynamics, exactly: error + delay (fast - slow) / 2."""
     if not problem.sensing:
         return Fraction(0)
+    # Only constant dynamics come here: of others `is_steady` wants no sensing, or a memory, with which `moved_bounds`
+    # does not ask.
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
     error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
     return as_rounded_fraction(error) + as_rounded_fraction(sensing.delay) * (fast - slow) / 2
@@ -288,6 +301,7 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 
     Velocity times any length that the interval may have, widened by 2 E, unless the controller remembers.
     """
+    # images of arms are made of this (`ArmProof.of`, `overlapped` in the checker); of others it chooses widths alone
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * prediction_error_along(problem, axis)
     late = 2 * as_rounded_fraction(problem.sensing.jitter)

@@ -70,6 +70,7 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores."""
     fixed, extent = dict[int, int](), np.subtract(problem.grid.upper, problem.grid.lower)
     lost = lost_to_width(problem) * extent  # by one cell as wide as the axis
+    # an axis along which nothing is lost counts a little, too: numbers of cells are powers of this
     lost = np.maximum(lost, 1e-3 * lost.max(initial=1e-300))
     most = int(MOST_OF_AN_AXIS / max(_lengths_led(problem), 1.0))
 
@@ -212,6 +213,7 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 def _speeds_of(problem: ReachAvoidProblem) -> Speeds:
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
+    # always the same, so that a problem has the same cells at each solve
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
     wider, fastest, unit = np.zeros((grid.ndim, grid.ndim)), np.zeros(grid.ndim), np.eye(grid.ndim)
     for j in range(count):

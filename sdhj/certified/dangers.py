@@ -42,6 +42,8 @@ def dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
 
 def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
     grid, dynamics, found = problem.grid, problem.dynamics, dict[tuple[int, ...], list[list[int]]]()
+    # of black boxes all is read, whatever they state, as `BlackBox.reads` of the checker says; with fewer axes than it
+    # asks for a file is refused (`Argument.read_clear`)
     reads = np.array(dynamics.reads) | (not dynamics.formulas)
     if isinstance(dynamics.gain, Formula):  # the checker counts what is read for a push of 0, too
         reads |= dynamics.gain.reads.reshape(len(problem.inputs), grid.ndim, -1, grid.ndim).any(axis=(0, 2))
@@ -71,6 +73,7 @@ def kept_together(dangers: Sequence[Dangers]) -> tuple[Dangers, ...]:
     Files have them in this order, and are refused with another.
     """
     out = list[Dangers]()
+    # those of more axes first, so that they are there to be joined
     for one in sorted(dangers, key=lambda one: (-len(one.axes), not one.moving)):
         for at, more in enumerate(out):
             if {*one.axes} <= {*more.axes} and more.moving >= one.moving:

@@ -74,6 +74,7 @@ def on_few_nodes(table: Any) -> Any:
     with warnings.catch_warnings(), findings(), suppress(ValueError, MemoryError):
         warnings.simplefilter("ignore")
         grid: Any = replace(problem.grid, shape=tuple(nodes.astype(int).tolist()))
+        # with other nodes it is not what its recipe makes
         made = replace(problem, grid=grid, recipe={})
         sets = HJI().sets(made, False)
         recursion(sets, made.most_steps, lambda: None)
@@ -222,6 +223,7 @@ class _Cell:
         low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
         cells = low + np.indices((high - low + 1).tolist()).reshape(len(low), -1).T
         at, answer = np.ascontiguousarray(cells % known.counts), np.empty((2, len(cells)), np.bool_)
+        # each cell as a box of its own; what is beyond a bounded end counts as the last cell, as in the proof
         boxes_in_set(at, at, known, table.index[self.place], table.pool, answer)
         return cells, ~answer[0]
 

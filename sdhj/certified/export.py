@@ -118,6 +118,7 @@ def export_c(
     data = packed_table(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)
     robot = header_of(table, data, fields, rule, brake)
     files = {"sdhj_table.bin": data, FIXED_HEADER.name: FIXED_HEADER.read_bytes(), "sdhj_robot.h": robot.encode()}
+    # one after the other: of two exports mixed, `sdhj_open` refuses the table by the digest in the header
     for name, text in files.items():
         with replaced_whole(folder / name) as temporary:
             temporary.write_bytes(text)
@@ -176,6 +177,7 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
     def mask(words: FloatArray) -> FloatArray:
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
 
+    # of a cell that is not certified `NOTHING` stays, which is UINT32_MAX in C
     steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
     chosen[nearest[:, 1] == NOTHING] = NO_INPUT
     if table.problem.has_no_target:
@@ -189,6 +191,7 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
     if "clear" in fields:
         clear = np.packbits(table.clear_inputs(cells, step), axis=1, bitorder="little") if left else None
         parts["clear"] = np.zeros((len(cells), -(-count // 8)), np.uint8) if clear is None else clear
+    # in the order of `FIELDS`, by which `sdhj_offset` and `Words` of the checker find them
     return np.concatenate([parts[one] for one in fields], axis=1)
 
 
@@ -218,6 +221,7 @@ class Packer:
 
     def pack(self, numbers: FloatArray, width: int) -> None:
         """Pack the numbers (B, cells) of B blocks into bodies, of `width` bytes; after the last `add`."""
+        # as long as the palette with all cells and 16 bits for each, which are the most (`sdhj_entry`)
         seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
         for one in numbers:
             body = room[: pack_block(one, width, seen, room)].tobytes()
@@ -252,6 +256,7 @@ class InLines:
 
     def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
         """The numbers (M,) of a piece's words put in order by block: (B, cells of a block)."""
+        # blocks, and cells in a block, with the last axis fastest, as `sdhj_word` and the checker's `Words.ids` count
         blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
         shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
         shape.append(shape.pop(self.along))
@@ -273,6 +278,7 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
         tqdm(total=len(pieces.work), desc="words", disable=hidden(progress)) as bar,
         ThreadPoolExecutor(several) as pool,
     ):
+        # in the order of `work`, by which blocks are numbered: all of a step, then those of the next
         for some in (pieces.work[at : at + several] for at in range(0, len(pieces.work), several)):
             for (_, at), rows in zip(some, pool.map(found, some), strict=True):
                 packer = packer or Packer(rows.shape[1])
@@ -300,6 +306,7 @@ def file_of(
     """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
+    # `sdhj_fallback` takes the first of these that stays clear
     order = np.argsort(squared_distances(inputs, inputs[brake][None])[0], kind="stable")
     order = np.array([brake, *order[order != brake]])
     index = np.array(packer.index, "<u4").view(np.uint8).reshape(-1, 4)[:, :index_bytes]
@@ -330,11 +337,13 @@ def file_of(
     whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers + 256 * np.array(reads), safe)
     error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
     reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
+    # it begins at byte 160; at 256 there are the reals, at 544 delta, and the head ends at 560
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
     tail += b"".join(struct.pack("<6d", *map(float, one), *[0.0] * (6 - ndim)) for one in reals)
     tail += struct.pack("<2d", problem.delta, 0.0)
     digest = hashlib.sha256(tail + body).digest()
     head = b"sdhjcell" + struct.pack("<I", 2 if images else 1)
+    # from byte 16 on; at 96 there is the problem's digest, at 128 that of all from 160 on
     rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(body), *numbers).ljust(80, b"\0")
     rest += bytes.fromhex(problem.digest)[:32].ljust(32, b"\0") + digest + tail + body
     return head + struct.pack("<I", zlib.crc32(head + rest)) + rest
@@ -352,6 +361,7 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
     starts, masks, images = problem.steps if problem.dynamics.depends_on_time else 1, list[int](), list[FloatArray]()
     for axis, reads in enumerate(table.proof.depends):
         # all cells on the axes that it reads, the first on the others
+        # with the last axis fastest, as `sdhj_image` counts them
         cells = np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
         own = np.empty((starts, len(problem.inputs), len(cells), 2), "<i2")
         for step, j in np.ndindex(own.shape[:2]):
@@ -370,6 +380,7 @@ def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, br
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
     # a state is written in 65535ths of a range longer than the axis: some are off the grid
+    # `sdhj_selftest` takes the same operations in the same order: a state near an edge is in another cell by one bit
     states = cells.lower - 0.02 * cells.length + parts * (1.04 / 65535) * cells.length
     out, steps = np.zeros((TESTS, len(table.axes) + 1), "<u2"), 1 if problem.time_invariant else table.steps + 1
     out[:, :-1] = parts
@@ -397,6 +408,8 @@ def python_answers(
     axis.
     """
     problem, left, count = table.problem, table.steps - step, len(states)
+    # without a delay a measurement is only clipped, as by `sdhj_seen`; the order of what follows is that of
+    # `sdhj_selftest`
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
     within = left if problem.has_no_target else min(1, left)
     to_go, safe, chosen = table._words.look_up(table, states, step, within, rule)
@@ -407,6 +420,7 @@ def python_answers(
     nearest = np.where(proved, distances, np.inf).argmin(axis=1)
     where, out = location_status(table, states), []
     for m in range(count):
+        # C sees by one of these two fields that a cell is in the target (`sdhj_least_ahead`)
         arrived = not problem.has_no_target and to_go[m] == 0 and bool({"steps", "select"} & set(fields))
         none = STATUS["IN_TARGET" if arrived else "NOT_PROVED"] if left else STATUS["LAST_STEP"]
         steps = left if problem.has_no_target else int(to_go[m])
@@ -435,6 +449,7 @@ def python_answers(
 def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
     """Where states (M, ndim) are: 0 on the grid, else `OFF_GRID` or `PAST_SAFE_END`."""
     below, above = table.past_ends(states)
+    # as `sdhj_place_of` says it
     safe = table.grid.ends_where("frees")
     # past an end that is not safe is off the grid, whatever the other axes say
     past = (below & safe[0]) | (above & safe[1])
@@ -604,6 +619,7 @@ class Exported:
             target[:] = wanted
         status, value = np.empty(count, np.int32), np.zeros(count, np.uint32)
         masks = np.zeros((count, -(-len(inputs) // 8)), np.uint8)
+        # of the types and in the order of the arguments of x_ask, which ctypes does not check
         arrays = [ctypes.c_void_p(part.ctypes.data) for part in (given, index, command, status, value, masks)]
         library, opened = self._opened
         library.x_ask(
@@ -679,6 +695,7 @@ class Loop:
         points = np.empty_like(given)
         asked = None if wanted is None else np.ascontiguousarray(wanted, np.uint32)
         library, opened = self.exported._opened
+        # likewise for x_step, which writes `missed` as bytes: it is an array of bool, False at first
         arrays = [ctypes.c_void_p(one.ctypes.data) for one in (self.memories, given, status, value, points, missed)]
         pointer = None if asked is None else ctypes.c_void_p(asked.ctypes.data)
         library.x_step(

@@ -89,6 +89,7 @@ def counted_boxes(
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
     some = [~bounds.outside(unsafe_set, low, high, span, HALVINGS_OF_A_BOX) for span in times]
+    # of the whole interval, last, where span 0 of `mark_collisions` finds it
     some += [np.any(some, axis=0)] if len(some) > 1 else []
     laps = sizes * np.where(own.periodic, 2, 1)
     sums = np.zeros((len(some), *(laps + 1)), np.int32)
@@ -136,6 +137,7 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
 def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
     """The bytes that a solve by a general proof takes at most, but for the blocks of the sets that it finds."""
     own = place_axes(problem, axes)
+    # it has to count every array of `of`, `prepare` and `Packing`; `chosen_cells` takes fewer cells where it is large
     moves = moves_of(problem, axes, own)[1]
     tested = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
@@ -219,6 +221,7 @@ class GeneralProof(Images):
     @property
     def bits_of_clear(self) -> list[FloatArray]:
         """The parts of `clear`, for each of `dangers`: (starts, cells, bytes), views."""
+        # one behind the other, as `clear_at` and `Argument.read_clear` of the checker go through them
         shapes, begin, out = [one.shape(self.problem, self.axes) for one in self.dangers], 0, list[FloatArray]()
         for shape in shapes:
             out.append(self.clear[begin : begin + math.prod(shape)].reshape(shape))
@@ -265,12 +268,14 @@ class GeneralProof(Images):
         lines : whether the cells come in lines along the axis `along`, which takes less time.
         """
         out, clear = among.copy(), self.clear_at(step)
+        # in lines what is clear first: `inputs_in_lines` does not ask for it
         if len(sets) and lines and self.along >= 0:
             certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets[:0], pool, out)
             inputs_in_lines(some, steps_left, self.cells, self.moves(step), self.along, sets, pool, out)
         else:
             certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets, pool, out)
         if len(sets) and len(self.arrives):
+            # who arrives needs no cell of a set, however many steps are left
             bits = self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
             for begin, strides in zip(clear.begin, clear.strides, strict=True):
                 bits = bits & clear.bits[(begin + some @ strides)[:, None] + np.arange(bits.shape[1])]
@@ -282,6 +287,7 @@ class GeneralProof(Images):
     @property
     def entry_in_head(self) -> dict[str, Any]:
         """The proof's part of a file's head, which `load` is handed again."""
+        # `Argument.read_proof` of the checker reads these names, too, and `load` refuses others.
         # which axes are those of a place, and E
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         told["clear"] = [one.entry_in_head for one in self.dangers]
@@ -336,6 +342,7 @@ class GeneralProof(Images):
             first = ~at_place[:, others].any(axis=1)  # of the places that differ on other axes only
             place = np.where(first, np.cumsum(first) - 1, -1)
             layout = Placed(*read_only((counts, begin)), nothing, 0, 0, 0, *read_only((edges, safe)))
+            # those that are kept with others of more axes are marked in an array of their own, until `_unite`
             unmarked = np.full(() if one.axes in clear_bits else one.shape(self.problem, self.axes), 255, np.uint8)
             out.append(_Asked(one, layout, place, clear_bits.get(one.axes, unmarked)))
         return out
@@ -359,6 +366,7 @@ class GeneralProof(Images):
         for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):
             asked = next(one for one in every if self.problem.unsafe.index(unsafe_set) in one.dangers.sets)
             self._mark_in_words(asked, unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
+        # after all marks, and before what is read-only; `Packing` is made of what is clear then
         self._unite(every)
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
@@ -389,6 +397,7 @@ class GeneralProof(Images):
         first, last = windows(lattice, NARROW * scale, tubes)
         far = far_beyond(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
         for step, times in enumerate(spans):
+            # a set that stands still has one span, for the moves of every start; one that moves has one for each step
             starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
             each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
             for start, place in itertools.product(starts, np.flatnonzero(asked.place >= 0).tolist()):
@@ -470,6 +479,7 @@ class GeneralProof(Images):
     def _faces(self, ends: Sequence[int]) -> FloatArray:
         """The coordinates of the unsafe ends of some axes, a rounding farther out, infinite for others."""
         grid, others = self.problem.grid, np.isin(np.arange(len(self.axes)), ends, invert=True)
+        # less than the checker grants by twice the shell (`ROOM`, `Argument.stays`), so that it agrees
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         faces = np.stack(grid.faces("fails")) + np.stack([-rounding, rounding])
         return np.where(others, np.stack([-np.full(others.size, np.inf), np.full(others.size, np.inf)]), faces)
@@ -496,6 +506,7 @@ class GeneralProof(Images):
         """For each step the (from, to), s, of each part of its interval, widened by the jitter."""
         if not unsafe_set.moving:
             return [[self._all_times]]
+        # `Argument.misses` of the checker cuts the interval in the same way
         length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
         for begin in map(self.problem.time, range(self.problem.steps)):
             cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
@@ -521,6 +532,7 @@ class GeneralProof(Images):
         times = self._all_times if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         if not problem.has_no_target:
+            # < 0 is proved inside, 0 is open
             out &= self.over_cells(problem.target, times) < 0
         # what stands still is asked once: of all cells, unless there is one goal only
         still = self.clear_of(False, self._all_times, out) if self.time_invariant else self._clear_of_still

@@ -65,6 +65,7 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     error = np.broadcast_to(np.array(sensing.error), (ndim,)).copy()
     if not sensing.delay:
         return error
+    # files state what is found, as "unsure", and `Argument.far_off` of the checker proves it anew
     spread, box = _spread(problem), error
     for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
@@ -96,6 +97,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     low, high = grid.lower + corners * size, grid.lower + (corners + 1) * size
     strides: list[tuple[float, float]] = []
     for step in range(problem.steps if timed else 1):
+        # the strides in which `predicted` moves a measurement on; the checker has their number once more
         strides += itertools.pairwise((problem.time(step) - delay * np.arange(STRIDES, -1, -1) / STRIDES).tolist())
     tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))
     fastest, stride = (disturbed.velocity(j, low, high, *times) for j, times in tasks), delay / STRIDES * ROUNDED
@@ -195,6 +197,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     for i, axis in enumerate(axes):
         depends[i] |= axis.last_is_narrower
         if held[i]:
+            # no more than `Argument.alike_along` of the checker takes for alike: else the file is refused
             steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
             depends[i] |= not steady
     return depends
@@ -207,6 +210,7 @@ def moves_of(
 
     A cell is at the place with number sum(cell * strides). starts is N where the dynamics depend on time, else 1.
     """
+    # the last axis of a place counts fastest, as in `Argument.strides_of` of the checker, which refuses other shapes
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
     strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
     timed = problem.steps if problem.dynamics.depends_on_time else 1
@@ -286,6 +290,7 @@ class Images(Proof):
     def depends(self) -> FloatArray:
         """depends[i, k]: whether the offset of images along axis i varies with the index along axis k."""
         ndim, own = len(self.axes), self.strides > 0
+        # `images_of` writes it into exports: by these axes alone C looks an image up
         moves = np.stack([self.low, self.high], axis=-1).reshape(
             *self.low.shape[:2], *np.where(own, self.cells.counts, 1), ndim, 2
         )
@@ -324,6 +329,7 @@ class Images(Proof):
             tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
             ThreadPoolExecutor(n) as pool,
         ):
+            # images in threads, `use` in this one alone: several inputs share a byte of what it marks
             for some in (work[at : at + n] for at in range(0, len(work), n)):
                 found = pool.map(moved, *zip(*some, strict=True))
                 for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):
@@ -356,6 +362,7 @@ class Images(Proof):
         at the interval's end, whenever that is, (M, ndim, 2); rounded outward, clipped at walls, and with sensing
         widened by E. For a controller that remembers, the second is that of the points it carries on (`_clipped`).
         """
+        # `Argument.driven` of the checker goes the same way by pieces of its own: what counts there has to count here
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         off = SIDES * self._prediction_error(start)
         tubes, moved = (
@@ -400,6 +407,7 @@ class Images(Proof):
         E is taken off the image of the states, at both ends, to its middle at most. An image that is held at a wall as
         a whole stays, and no other comes as near to a wall as a layer.
         """
+        # as `Argument.carried_on` of the checker, whose points have to lie in the cells that are found of these
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
         less = last - SIDES * self.prediction_error
@@ -473,6 +481,7 @@ class Images(Proof):
             if unknown.any():
                 row, axis = np.argwhere(unknown)[0]
                 first, last = (np.array2string(end[row], precision=4, separator=", ") for end in boxes)
+                # `Certified.sets` tries more parts after a `GrowsTooFast`; none help where the box itself has no bound
                 return (ValueError if boxes is ends else GrowsTooFast)(
                     f"the velocity along {names[axis]} under {u} may be undefined or unbounded between {first} and "
                     f"{last}, where the states of a cell may come within an interval, and then nothing can be proved; "
@@ -494,6 +503,7 @@ class Images(Proof):
         for axis, (own, cell) in enumerate(zip(self.axes, self.cells_at(places).T, strict=True)):
             known = bool(self.strides[axis] > 0)
             low[:, axis], high[:, axis] = own.moved(cell, moved[:, axis, 0], moved[:, axis, 1], known)
+        # int16 in memory, in files and in exports (`sdhj_image`)
         if max(-low.min(), high.max()) > np.iinfo(np.int16).max:
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high

@@ -31,6 +31,7 @@ def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray) -> in
     The longest of at least `FEWEST` cells that is no axis of a place (`depends`). The last axis instead if it is none
     itself, there is no such axis, or an end of the grid is safe.
     """
+    # `chosen_cells` asks, too: it gives this axis whole words, and counts what a solve takes by them
     alike = [k for k, own in enumerate(axes) if not depends[k] and own.count >= FEWEST]
     if not depends[-1] or not alike or grid.has("frees"):
         return len(axes) - 1
@@ -90,7 +91,9 @@ class Packing:
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
+        # whose boxes are the cells themselves
         lattice = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones)
+        # ~ sets bits past the last cell, here and in `wanted`; `with_beyond` and `add_predecessors` pass them over
         out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
         boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
         led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
@@ -145,6 +148,7 @@ class Packing:
         order = self.order
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
+            # contiguous as those of the proof are: for views kernels would be compiled once more
             ordered = {name: np.ascontiguousarray(getattr(told, name)[..., order]) for name in names}
             return told._replace(**read_only(ordered))
 
@@ -181,6 +185,7 @@ def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells:
     out = out.reshape(*counts[:-1], -1)
     for axis, count in enumerate(counts):
         together = 64 if axis == len(counts) - 1 else 1  # cells of an entry of `out`
+        # of each entry the cells that its first and its last cell may lead to
         begin = np.arange(0, count, together)
         first, last = begin + far[0, axis], np.minimum(begin + together, count) - 1 + far[1, axis]
         if cells.periodic[axis]:

@@ -107,6 +107,8 @@ class CertifiedTable(Table):
     def tube_index(self, start: int, within: int | None) -> int:
         """The row of `index` for the tube (start, within)."""
         start, within = self.clipped(start, within)
+        # it has a row for each (k, n), for each n, or one that holds for ever: the checker numbers them alike
+        # (`Argument.row`)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
@@ -241,6 +243,7 @@ class CertifiedTable(Table):
         counts as certified in part.
         """
         cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
+        # for `_inside_around`, and for bounds of `as_level_set`, on which the proof of another problem may rest
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
         begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
         known = ((low - cells.lower > begin - 2 * shell) & (high - cells.lower < end + 2 * shell)).all(axis=1)
@@ -315,6 +318,7 @@ class CertifiedTable(Table):
         Three (M, ndim): the ends of the cells that points are led to under inputs (M,), or a point half a shell behind
         a wall where all of them are its layer, NaN off the grid; and 2 E, or E where both corners are the same.
         """
+        # for `next_points`, as `sdhj_applied` has it in C, with `sdhj_edge` and `sdhj_behind`
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
         rows, begin, end = self.image_cells(points, inputs, step)
         low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
@@ -343,6 +347,7 @@ class CertifiedTable(Table):
         ]
         nearest = np.where(good[0], steps_tried[0], left + 1)
         # of several cells within the shell: from which the input is proved, with the fewest steps to go
+        # `sdhj_claimed` takes the same cell
         order = np.lexsort([each, ~np.logical_or.reduce(good), nearest, rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
         return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
@@ -351,6 +356,7 @@ class CertifiedTable(Table):
         """The lower ends of cells with indices (M, ndim), which may lie beyond the ends of axes: (M, ndim)."""
         cells, counts = self.cells, self.cells.counts
         laps = np.where(cells.periodic, numbers // counts, 0)
+        # in the order of `sdhj_edge`, so that C has the same number
         edges = cells.lower + laps * cells.length + (numbers - laps * counts) * cells.width
         return np.where(cells.periodic, edges, np.clip(edges, self.grid.lower, self.grid.upper))
 
@@ -555,6 +561,7 @@ class CertifiedTable(Table):
     def _head(self) -> dict[str, Any]:
         """The head of a file of the table, but for digests."""
         head = make_head(self.problem, self.method, self.details, "") | self._entries
+        # through JSON, as the checker expects the lists of a file and refuses tuples
         return dict(json.loads(json.dumps(head)))
 
     @property
@@ -569,6 +576,7 @@ class CertifiedTable(Table):
             "kind": self.proof.kind,
             "shape": self.shape,
             "widths": [str(axis.width) for axis in self.axes],
+            # from here on for the checker, which believes no rule of the solver: `read` works them out of the grid
             "lowers": [str(axis.lower) for axis in self.axes],
             "extents": [[str(bound) for bound in axis.extent] for axis in self.axes],
             "periodic": [axis.periodic for axis in self.axes],
@@ -681,6 +689,7 @@ class CellSets:
                 tell(unsettled_finding(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
         # for ever, what follows the last one that changed something is the same
+        # by step and steps to go, as `entry` and so `tube_index` number them
         entries = sorted(self.added) if problem.steps else sorted(self.added)[: last + 1]
         every = problem.steps or not (problem.has_no_target and self.settled)  # else only what stays clear for ever
         index = np.zeros((len(entries) if every else 1, self.shape[0]), np.uint32)
@@ -688,6 +697,7 @@ class CellSets:
         for i, (step, within) in enumerate(entries):
             rows, blocks = self.added.pop((step, within))
             if every:
+                # the blocks of the entry with a step less, but for the rows that this one changes
                 index[i] = index[i - 1] if within else 0
             index[i if every else 0, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
@@ -735,5 +745,6 @@ def _level_set_of_cells(table: CertifiedTable, within: int) -> BlackBox:
         every, some = table.certified_boxes(low - off, high + off, start=step, within=within)
         return np.where(some, -1.0, 1.0), np.where(every, -1.0, 1.0)
 
+    # a rate of 0 says that the set does not move; with None it may at any time
     rate = 0.0 if problem.time_invariant else None
     return BlackBox(level_set, rate=rate, enclosure=enclosure, name=f"the tube of {problem.name!r}")

@@ -57,6 +57,7 @@ def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[i
 
     If there are at least `LEAST_AXES`, the last axis among them, none is an axis of a place and no end is safe.
     """
+    # of the axes of an unsafe set, and of all axes where sets are made of one another (`Packing`)
     last = axes[-1] == depends.size - 1
     return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")
 
@@ -83,6 +84,7 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
     scale = np.array([axis.scale for axis in axes])
     alike = (np.ptp(least, axis=0) <= ALIKE * scale) & (np.ptp(most, axis=0) <= ALIKE * scale)
     widths, fine = np.array([float(axis.width) for axis in axes]), pieces_of(axes, alike, share)
+    # `windows` looks tubes up without it, so that these two go together
     sway = np.where(pushed < widths / fine, pushed, 0.0)
     low = np.where(alike, -least.min(axis=0), sway)
     return Lattice(axes, alike, fine, low, np.where(alike, most.max(axis=0), sway))
@@ -100,6 +102,7 @@ def boxes_in_words(
     for axis, fine, below, above in zip(
         lattice.axes, lattice.fine, lattice.low + margin, lattice.high + margin, strict=True
     ):
+        # cells of one width from the lower end on: an axis with a layer is one of a place, which `goes_along` refuses
         corner = float(axis.lower) + float(axis.width) / fine * np.arange(axis.count * fine + 1)
         low.append(corner[:-1] - below)
         high.append(corner[1:] + above)
@@ -121,6 +124,7 @@ def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
 
     These are the next period of a periodic axis, and repeat the first or the last box on a bounded one.
     """
+    # whole words, half of them before: `united_in_words` and `images_inside` find the cells by that
     more = 2 * -(-far // 64)
     out = np.empty((*planes.shape[:-1], planes.shape[-1] + more), np.uint64)
     wide = out.reshape(-1, *out.shape[-2:])

@@ -35,6 +35,7 @@ class ProvedBatch(Batch):
         """The margins (M, L), by where inputs lead the states without a disturbance."""
         steps_left = np.maximum(self.steps_to_go, self.within)
         moves = self.table.problem.interval(self.step).displacements(self.states)
+        # constant dynamics have one row of moves for all states
         rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
         return margins_of(self.table, self.states, self.step, steps_left, self.safe, moves, rows)
 
@@ -55,6 +56,7 @@ def margins_of(
     margins = np.full(safe.shape, np.inf)
     pairs, inputs = np.nonzero(safe)
     if pairs.size:
+        # for answers in Python, and by `chosen_of` for what exported words prefer
         moved = states[pairs] + moves[rows[pairs], inputs]
         after = table.steps_by_cells(table.grid.clipped(moved), step + 1)
         if table.grid.has("frees"):
@@ -118,6 +120,7 @@ def chosen_of(
         return chosen
     centres = table.centres(cells[some])
     places = table.proof.places(cells[some])
+    # cells at one place have the same velocities, so moves are computed once for each place
     _, first, rows = np.unique(places, return_index=True, return_inverse=True)
     moves = table.problem.interval(step).displacements(centres[first])
     rows = rows if len(moves) > 1 else np.zeros(some.size, np.int64)
@@ -159,6 +162,7 @@ class Words:
         """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
+        # without a target a word is of the steps that are left, and of each step there are others
         key, inputs = (start, within, rule), len(table.problem.inputs)
         if key not in self.layers:
             self.layers.setdefault(key, WordTable(INPUTS + -(-inputs // 32)))
@@ -198,6 +202,8 @@ class WordTable:
             cells = np.stack(np.unravel_index(numbers, table.shape), axis=1)
             made = words_of(table, cells, start, within, rule)
             with self.lock:
+                # another thread may have kept some of them meanwhile: `store_words` writes these again, and does not
+                # count them
                 self.keep(numbers, made)
                 look_up(*asked, self.keys, self.words, within, most, *out, missing[:0])
 

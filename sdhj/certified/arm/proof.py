@@ -75,6 +75,7 @@ class ArmProof(Proof):
         speeds = [[velocity_bounds(problem, axis, j) for j in range(count)] for axis in range(4)]
         velocities = np.array(speeds[:2], dtype=np.float64)  # (2, L, 2)
         speed = np.abs(velocities.mean(axis=2)).max(axis=0)
+        # a file states `parts` alone, so that `load` has to cut as the solve did
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
         widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
         needed = cls.peak_bytes_for(problem, axes, parts) if allowed is None else count * widest * (64 + 96 * parts)
@@ -89,6 +90,8 @@ class ArmProof(Proof):
                 moves[axis, j, : own.count, : pieces[j]] = moved
         if allowed is None:
             instants = np.arange(2 ** (HALVINGS + 1) + 1) / 2 ** (HALVINGS + 1)
+            # intervals begin a delay later, and are as long as jitter may make them (`World.begin` and `held` in the
+            # checker)
             parts_of = np.arange(problem.steps) + instants[:, None] * (length / problem.delta)
             times = parts_of * problem.delta + problem.sensing.delay
             allowed = clear_of_obstacles(problem, axes, times, velocities, length)
@@ -179,6 +182,7 @@ class ArmProof(Proof):
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
         packed = read_array(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
+        # in the order of steps, inputs and joints, which the checker's `Arm` reads, too
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
@@ -205,6 +209,7 @@ class ArmProof(Proof):
         (n1 n2, W) uint64.
         """
         motion, (n1, n2, words) = self.motion, self.shape
+        # the agent's window is that of input 0: all move it alike
         eroded, scratch = following.copy(), np.empty((n1, n2 * words), np.uint64)
         erode_packed(eroded, *packed_window(motion.first[2:, 0], motion.number[2:, 0], motion.agent))
         tables = np.stack([motion.first[0, :, :n1], motion.number[0, :, :n1]], axis=1)
@@ -267,6 +272,7 @@ def clear_of_obstacles(
     if stage.obstacles:
         disks = Disks(
             delta=float(delta),
+            # of 2^(h + 1) + 1 instants it is h
             depth=(len(times) - 1).bit_length() - 2,
             centres=np.ascontiguousarray(np.stack([disk.centre(times) for disk in stage.obstacles], axis=-2)),
             radii=np.array([disk.radius + stage.arm.half_width + disk.speed * jitter for disk in stage.obstacles]),
@@ -286,6 +292,7 @@ def packed_window(first: FloatArray, number: FloatArray, agent: Agent) -> tuple[
     low = np.take_along_axis(first, cells, axis=1) - cells
     high = low + np.take_along_axis(number, cells, axis=1) - 1
     if low.max() > 0 or high.min() < 0:
+        # `erode_packed` asks for the cell itself in any case, and skips an offset of 0
         raise ValueError("the agent must be able to stay where it is: its drift is larger than its speed")
     offsets = np.arange(low.min(), high.max() + 1)
     passes = (offsets[:, None] < low[:, None]) | (offsets[:, None] > high[:, None])  # (2, offsets, cells)

@@ -197,6 +197,7 @@ class Argument:
 
     def __init__(self, head: Mapping[str, Any], arrays: Any, given: Any = None) -> None:
         """Read a file; ValueError with a sentence where something does not fit. given : the problem beside it."""
+        # arrays are those of an open file, or at the end of a solve `sampled.InMemory`
         self.problem = Problem(head, arrays, given)
         robot = self.problem
         self.scale = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
@@ -268,6 +269,7 @@ class Argument:
         expect(bool((self.off >= robot.error).all()), f"predictions are off by {robot.error} at least", self.off)
         prompt = robot.delay > 0 or bool((self.off == robot.error).all())
         expect(prompt, f"predictions without a delay are off by {robot.error}", self.off)
+        # shapes as `moves_of` and `sites_of` of the solver have them, worked out anew
         places = math.prod(self.counts[self.known].tolist())
         starts = robot.steps if robot.timed else 1
         self.low, self.high = (
@@ -354,6 +356,7 @@ class Argument:
 
     def row(self, step: int, within: int) -> Array:
         """Of the set S_step^within the number of the block of each row of cells."""
+        # as `sdhj.table.batches.entry` numbers them; `Arm.bits` and `words_hold` have it once more
         number = step * (self.problem.steps + 1) - step * (step - 1) // 2 + within
         return self.index[min(within, len(self.index) - 1) if self.alike else number]
 
@@ -409,6 +412,7 @@ class Argument:
                 second[0, row], second[1, row] = least, b[over] - (most - least)
                 b[over] = most
                 box, of = np.concatenate([box, second], axis=2), np.concatenate([of, of[over]])
+        # the first `count` are the boxes themselves, and behind them are parts past a seam, each of box `of`
         found = np.array(bounds(box[0], box[1]))
         found[0][np.isnan(found[0])], found[1][np.isnan(found[1])] = -np.inf, np.inf
         for row in range(found.shape[1]) if len(of) > count else ():
@@ -482,6 +486,7 @@ class Argument:
             own = marks[part * pieces : (part + 1) * pieces + 1]
             more = [one for one in (*soon, soonest) if own[0] < one < own[-1]]
             for begin, end in pairwise(sorted({*own, *more})):
+                # before the earliest end only the last counts
                 ending = moved if begin <= soonest else ending
                 box, times = at + np.where(self.known[:, None], moved, 0.0), (begun + begin, begun + end)
                 after = held(self.piece(box, moved, j, times, end - begin, gain * (end - begin)))
@@ -532,6 +537,7 @@ class Argument:
             face = enclosure.copy()
             face[:, axis] = (box[side] + far + some)[:, axis]  # all that the end passes
             out[side, axis] = self.velocity(j, face, times)[side, axis]
+        # more than products and the sum are rounded by, 1.2e-16 of each
         after = moved + h * out + OUT * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
         after[:, :, left] = OUT * np.inf  # of which nothing is known
         return after
@@ -630,6 +636,7 @@ class Argument:
         self, one: Clear, step: int, j: int, tubes: Tubes
     ) -> Iterator[tuple[list[int], Callable[[Array], Array]]]:
         """Yield what has to be asked: on which axes, and what tells of first and last cells if all is well."""
+        # for `sampled.clear_of`, too
         for k in axes_of(one.ends):
             yield [k], partial(self.stays, k, tubes)
         for part in one.parts:
@@ -675,6 +682,7 @@ class Argument:
         """The boxes (2, ndim, M) that tubes stay in from all cells from first to last, until they leave safely."""
         rows = tubes.rows[self.strides @ first]
         ends = np.array([self.ends(first)[0], self.ends(last)[1]])
+        # of many cells as if none were ever gone: boxes are larger then, and less is proved
         if not self.safe.any() or (first != last).any():
             return ends + tubes.whole[:, :, rows]
         there = self.not_gone(first, tubes)[:, None, None]
@@ -788,6 +796,7 @@ class Argument:
         """How many cells of a set lie below each corner; where an axis closes it goes on."""
         cells = cells.reshape(self.counts)
         for k in axes_of(self.problem.periodic):
+            # so far past the seam as the widest image of the file, for `all_in`
             widest = int((self.high[..., k] - self.low[..., k].astype(np.int64)).max()) + 1
             cells = np.concatenate([cells, cells.take(range(min(widest, int(self.counts[k]))), axis=k)], axis=k)
         out = np.zeros([n + 1 for n in cells.shape], np.int32)
@@ -838,6 +847,7 @@ class Argument:
         if wrong:
             return
         size = math.prod(self.counts.tolist())
+        # `sampled.claims_made` counts the same claims without looking at them: a kind that is added here is added there
         chosen = np.ones(size, np.bool_)
         if samples is not None:
             chosen[:] = False

@@ -60,6 +60,7 @@ class Stated:
     @property
     def header(self) -> bytes:
         """The first `BEFORE` bytes of the .npy file."""
+        # as `header` of `sdhj.table.container` writes it
         text = f"{{'descr': '{KINDS[self.kind]}', 'fortran_order': False, 'shape': {self.shape}, }}"
         return b"\x93NUMPY\x01\x00\xf6\x00" + text.ljust(BEFORE - 11).encode() + b"\n"
 
@@ -145,6 +146,7 @@ def mapped(path: str) -> memoryview:
 
 def before(name: bytes, crc: int, size: int, packed: int, method: int, at: int) -> bytes:
     """What stands before a file in a zip, whose header begins `at`; its numbers begin at a multiple of 64 bytes."""
+    # here and below what `Member` and `directory` of `sdhj.table.container` write, a second time on purpose
     about = struct.pack("<HHHHHIIIH", 45, 0, method, 0, 33, crc, ALL, ALL, len(name))
     fields = struct.pack("<HHQQ", 1, 16, size, packed)
     pad = -(at + 30 + len(name) + 24) % 64

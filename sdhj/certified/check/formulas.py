@@ -79,6 +79,7 @@ class Reader:
 
     def read(self, lines: Any) -> "Formula":
         """The `Formula` that a list of lines of text describes, the last one `return`."""
+        # as `written` in `sdhj.formulas.text` makes them
         fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
@@ -114,6 +115,7 @@ class Reader:
             return Node(name, operands, (exponent,))
         truths = operands[:1] if name == "where" else operands if name in ("and", "or", "not") else ()
         self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")
+        # as a product of two unknowns it could seem negative
         same = name == "mul" and operands[0] == operands[1]
         return Node("sqr", operands[:1]) if same else Node(name, operands)
 
@@ -208,6 +210,7 @@ class Formula:
         every = [dict(zip(self.jumps, sides, strict=True)) for sides in product((0, 1), repeat=len(self.jumps))]
         if self.jumps:
             first = self.once(low, high, parameters, every[0])
+            # where one side makes no difference there is no jump in the box
             rows = np.flatnonzero((first != found).any(axis=(0, 2)))
             own = [(a[rows], b[rows]) if np.ndim(a) else (a, b) for a, b in parameters]
             each = [first[:, rows], *(self.once(low[rows], high[rows], own, sides) for sides in every[1:])]

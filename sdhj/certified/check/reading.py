@@ -37,6 +37,7 @@ def decimal(value: float) -> Fraction:
 
     The number itself if every such decimal has more than `FEW_DIGITS` digits.
     """
+    # `as_fraction` of the solver has to read alike, with as many digits (`EXACT_DIGITS`): cells begin at such numbers
     part, power = math.frexp(value)
     scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
     digits, text, by = min((len(re.sub("e.*|[-.]", "", text).strip("0")), text, by) for text, by in scaled)
@@ -95,6 +96,7 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
 
 def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
     """The SHA-256, in hexadecimal, of the problem: of the head's entries `TOLD` and the arrays of its functions."""
+    # `digest_of` in `sdhj.problem.describing` writes it, and has `TOLD`, too: both change together
     said, held = {name: head[name] for name in TOLD}, dict[str, Any]()
     error = said["sensing"].get("error")
     if error is not None:

@@ -42,12 +42,14 @@ class InMemory:
 
 def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: Any) -> tuple[int, int, list[str]]:
     """How many claims were looked at, how many there are, and a text for each of the first that are not proved."""
+    # for `CertifiedTable.looked_over`, which lets no table out where a claim is not proved
     held: Any = InMemory(arrays)
     if head["cells"]["kind"] == "arm":
         from sdhj.certified.check.arm.claims import Arm  # with Numba, which no other robot needs
 
         arm = Arm(head, held)
         share = SAMPLED / max(int(arm.allowed.sum()) + bits_of(arm.pool), 1)
+        # all where half of them would be drawn
         rows = None if 2 * share >= 1 else max(round(share * arm.index.shape[1]), 1)
         return counted(arm.claims(rows, 0, True))
     sets = Argument(head, held, problem)

@@ -111,6 +111,7 @@ class BlackBox:
             far = far + duration * (0.0 if rate is None else np.array(rate))
             return np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
 
+        # as `BlackBox.bounds` of the solver does, with as much for rounding
         value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
         size = np.abs(value) + change(np.abs(low + high) / 2, abs(sum(times)) / 2)
         each = change((high - low) / 2, (times[1] - times[0]) / 2) * (1 + BOX_ROUNDED) + BOX_ROUNDED * size
@@ -205,6 +206,7 @@ class Problem:
         self.delay = real("delay", given.get("delay", 0.0), 0.0, self.delta)
         self.jitter = real("jitter", given.get("jitter", 0.0), 0.0, self.delta / 2)
         expect(isinstance(given.get("memory", False), bool), "memory must be true or false", given.get("memory"))
+        # only looked at: no claim rests on what was applied before the first step
         rest = given.get("rest", 0)
         expect(is_whole(rest, 0, self.count - 1), "rest must be the number of an input", rest)
         self.sensed = bool(self.error.any()) or self.delay > 0 or self.jitter > 0
@@ -260,6 +262,7 @@ class Problem:
 
     def along(self, axis: int) -> list[Function]:
         """The functions, of all inputs, of which the velocity along an axis is made."""
+        # results of a gain lie by axes, and of each axis by components of v
         some: list[Function] = []
         for name, each in self.of.items():
             first, count = {
@@ -271,6 +274,7 @@ class Problem:
 
     def steady(self, axis: int) -> bool:
         """Whether the velocity along an axis is always in one range, whatever the state and the time."""
+        # `is_steady` of the solver, which decides what is no axis of a place, must not say more
         boxed = any(isinstance(one, BlackBox) for each in self.of.values() for one in each)
         plain = self.linear and not self.sensed and not boxed
         some = self.along(axis) if plain else [one for each in self.of.values() for one in each]
@@ -301,6 +305,7 @@ class Problem:
         """Read the sets: a target, if there is one, and behind it the unsafe sets."""
         sets = [entry("a set", one, "kind name axes", "inputs sampling") for one in list(given)]
         kinds = [one["kind"] for one in sets]
+        # functions have the names that `ReachAvoidProblem.functions` gives them, unsafe sets by their order
         first = int("target" in kinds)
         fits = isinstance(given, list) and kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)
         expect(fits, "sets must be a target, if there is one, and unsafe sets", kinds)

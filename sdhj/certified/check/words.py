@@ -46,6 +46,7 @@ class Words:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Read an exported file."""
         version, data = _whole(path)
+        # offsets and order are those of `file_of` in `sdhj.certified.export` and of `sdhj_open` in sdhj.h
         numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
         record, words, width, index_width, bodies, body_bytes, tests, at_width, self.leads = numbers[8:]
@@ -100,6 +101,7 @@ class Words:
             blocks = self.bodies[index].reshape(*index.shape, *self.sides).transpose(order)
             begin, past = first * self.sides[0], min((first + many) * self.sides[0], self.counts[0])
             own = blocks.reshape(np.array(index.shape) * self.sides)[: past - begin]
+            # without what blocks have past the last cell of an axis
             own = own[(slice(None), *map(slice, self.counts[1:]))].ravel()
             yield slice(int(begin) * row // int(self.sides[0]), int(past) * row // int(self.sides[0])), own
 
@@ -155,6 +157,7 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
     bits, colours = struct.unpack_from("<BH", data, at)
     begin = at + 3 + colours * width
     end = begin + -(-cells * bits // 8)
+    # two bytes more, as `sdhj_entry` reads three of any entry
     expect(1 <= colours <= 1 << bits <= 65536 and end + 2 <= len(data), "bodies must be whole", (at, bits, colours))
     palette = _numbers(data[at + 3 : begin], width)
     packed = np.unpackbits(np.frombuffer(data[begin:end], np.uint8), count=cells * bits, bitorder="little")
@@ -170,10 +173,12 @@ def claims_of_inputs(
 
     fewest (cells,) : the steps to go by the table's file, more than `left` where there are none.
     """
+    # of an arm, too (`arm.exported`), which knows these fields by their names
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
     for name, some in words.fields.items():
         if name == "select":
+            # `NO_INPUT` and `ARRIVED` are numbers of no input, so that they claim none here
             one = some[:, None] == np.arange(len(words.inputs))
             yield name, one, nearest
         elif name == "safe":
@@ -273,6 +278,7 @@ def images_differ(words: Words, sets: Argument) -> Iterator[str]:
 def differences(words: Words, sets: Argument) -> list[str]:
     """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file."""
     robot, axes = sets.problem, [*zip(sets.axes, sets.layers, strict=True)]
+    # an arm has a list of its own, `arm.exported.differences`: what is added to one has to be added to the other
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
         "periodic axes": (words.periodic.tolist(), robot.periodic.tolist()),

@@ -42,6 +42,7 @@ ROWS_AT_ONCE = 256  # between two signs of life
 
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
     """A disk of a recipe as numbers (8,), as `separation.disk_at` reads them, its radius grown by `width`."""
+    # as `Disk.describe` writes it into a recipe
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
     kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
     expect(kind in ("still", "line", "circle"), f"the path of {name} must be still, line or circle", kind)
@@ -105,6 +106,7 @@ class Scene:
 
     def inputs(self) -> list[tuple[Fraction, Fraction]]:
         """All inputs, velocities of the two joints, rad/s, as fractions; the first component slowest."""
+        # bits of the file count them in this order: that of the head, with which `expect_recipe` compares them
         top, n = decimal(self.given["u_max"]), self.given["input_levels"]
         values = [-top + 2 * top * i / (n - 1) for i in range(n)]
         return [(a, b) for a in values for b in values]
@@ -117,6 +119,7 @@ class Scene:
         push, delta, held = float(given["v_d_max"]), float(given["delta"]), float(self.spans()[1])
         agent = np.array([float(self.push(2)), float(given[f"{self.agent}_radius"]) + float(given["half_width"])])
         travel = (np.abs(inputs) + push) @ [arm[0] + arm[1], arm[1]] * held
+        # for `sweep` alone, where any number is right: more take longer and leave fewer cells over
         parts = np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64)
         angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
         compass = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -252,6 +255,7 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     """
     # A state that a wall stops is in the outermost cell, which the image overlaps anyway: the state came from there or
     # passed it.
+    # an export must have exactly these cells (`_arm_images_agree`), and not only none fewer
     n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
     off = 0 if arm.scene.sensing.memory else 2 * arm.scene.off(axis)  # a point that is carried on moves as the state
     back, ahead = min(slow * span for span in arm.scene.spans()), max(fast * span for span in arm.scene.spans())
@@ -300,6 +304,7 @@ def cells_added(arm: Any) -> tuple[Array, Claim]:
     counts, wrong = np.zeros((index.shape[1], arm.steps + 1, 2), np.int64), []
     for i, (start, within) in enumerate(arm.pairs):
         here = index[i]
+        # the row before is of the same start, in the order of `pairs`
         less = index[i - 1] if within else np.zeros_like(here)
         rows = np.flatnonzero(here != less) if within else np.arange(here.size)
         new, old = pool[here[rows]], pool[less[rows]]

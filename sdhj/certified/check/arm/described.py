@@ -73,6 +73,7 @@ class Sets:
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
+            # an axis may begin anywhere where `begin` is None, as an angle may
             n = cells - some
             fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)
             if not (fits and (n - 1) * width < least and n * width >= most):

@@ -115,6 +115,7 @@ def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int
         np.zeros((words.starts, rows, math.prod(sets.counts[2:].tolist())), np.uint32),
         ("select", "safe", "filter", "clear"),
     )
+    # of the first two kinds, and of "filter"; `words_hold` knows the kinds by this order
     ahead = np.zeros((2, *every.shape), np.int16)
     marks = np.zeros((4, len(next(iter(words.fields.values()))), count), np.bool_)
     for start in range(words.starts):

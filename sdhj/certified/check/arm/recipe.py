@@ -35,6 +35,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
     same = same and not robot.timed and not any(one.reads("x") for each in robot.of.values() for one in each)
     expect(same, "velocities of the head must be those of its recipe", given)
     target, unsafe = robot.target, robot.unsafe
+    # in the order of the case study's sets (`_sets`): target, obstacles, pursuer
     own = [lambda q, t: obstacles(q, t, scene)] * bool(len(scene.disks))
     own += [lambda q, t: arm_to(q, q[:, 2:], scene) - (given["pursuer_radius"] + given["half_width"])] * chased(scene)
     parts: list[Any] = [target, *unsafe]

@@ -100,6 +100,7 @@ def check_goals(world, stored, bench, todo):
                     drop(need, bit, bit + 1)
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0 and any_bit(todo[place]):
+            # `sweep` and `agent_cell` with no duration leave the times of the part at 0, so that this is asked at t
             t = stored.pairs[place, 0] * world.delta + world.begin
             if clear((0, len(world.disks)), bench.part, still, t, world, bench.stack):
                 if not world.chased or tip_inside(bench.part, t, world, bench.stack):
@@ -176,6 +177,7 @@ def check_rows(rows, world, stored, failed, example):
         number. Kind 0 are the flags, numbered start * L + j; kind 1 + n are the cells that sets within n steps add,
         numbered start * (the agent's cells) + cell.
     """
+    # `Arm.claims` gives names to kinds and examples by these numbers
     n2, cells = world.q2.size - 1, (world.x.size - 1) * (world.y.size - 1)
     for number in range(len(rows)):
         i1, i2 = rows[number] // n2, rows[number] % n2
@@ -241,6 +243,7 @@ def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
                     if good and kind < 3:
                         within = ahead[kind // 2, start, row, bit]
                         if within != known and within > 0:
+                            # of S_{k+1}^{n-1}, as `Argument.row` numbers sets
                             place = (start + 1) * (steps + 1) - (start + 1) * start // 2 + within - 1
                             able[:] = ~NONE
                             reaching(ends1, ends2, stored.places[place], n2, stored.eroded, able)

@@ -220,6 +220,7 @@ def link_clear(link, body, part, velocity, start, world, stack):
     if body < len(world.disks):
         disk = world.disks[body]
         fastest += abs(disk[2]) + abs(disk[3]) + abs(disk[4] * disk[5])
+    # the last two rows of the stack are no parts: what is left stays below them, to which `size` is held
     tau, size, box, piece = part[9], 1, stack[STACK - 1], stack[STACK - 2]
     weights = l1, l2, agent, agent, fastest, l1 * tau, l2 * tau
     copy(part, stack[0])
