@@ -159,6 +159,7 @@ def seconds_taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts:
     calls, boxes = (parts * starts * count * finest(problem, parts, (starts, count, n, ndim)) for n in (1, places))
     velocity = problem.dynamics.drift
     if not isinstance(velocity, BlackBox):
+        # of input 0, as those of others take about as long
         velocity = problem.dynamics.functions_by_input["drift"][0]
     images = CALL * calls + boxes * places * (AXIS * ndim + OPERATION * _operations(velocity))
     asked, most = 0, problem.most_steps

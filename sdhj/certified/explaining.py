@@ -98,6 +98,7 @@ def what_keeps_out(table: Any, state: FloatArray, step: int, within: int) -> tup
 
 def scanty_finding(table: Any) -> Finding | None:
     """A `Finding` that a table certifies next to nothing, with what may help."""
+    # `sdhj.solve` asks at its end, where it may simulate, too: "hji" is solved only where the share is scanty
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
         return None

@@ -154,6 +154,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
 
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     """The indices of all inputs, those first that are proved at step 0 in the most of `DRAWN_CELLS` random cells."""
+    # the same cells each time, so that a table's export is always the same file
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
@@ -236,6 +237,7 @@ class InLines:
     """
 
     def __init__(self, table: CertifiedTable) -> None:
+        # -1, where no axis is better, is the last one
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)

@@ -457,6 +457,7 @@ class GeneralProof(Images):
     ) -> None:
         """Clear the bit of u_j in `asked.bits` for all steps with these moves; it numbers the places."""
         dangers, bit = asked.dangers, np.uint8(1 << j % 8)
+        # ends and sets that stand still are looked at once for all steps; bits of other inputs stay set
         still = np.full(asked.bits.shape[1], 255, np.uint8)
         if dangers.ends:
             layout = self._in_lines(asked.layout, dangers.ends)
@@ -487,6 +488,7 @@ class GeneralProof(Images):
     def _in_lines(self, layout: Placed, axes: Sequence[int]) -> Placed:
         """A layout with its cells in lines along the last of some axes on which cells at a place differ."""
         counts, some = layout.counts, (self.strides == 0) & (layout.counts > 1)
+        # `mark_collisions` needs a line along one of the set's axes, be it of a single cell
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
         some[along] &= length == 1

@@ -427,6 +427,7 @@ class Images(Proof):
         moved + h F, rounded outward and clipped at walls, F the bound on the velocity in the end's face of a box that
         the states stay in. `before` is what the piece before added, for a first guess.
         """
+        # up, so that rounded lengths of all pieces leave nothing of the interval out
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
         velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)

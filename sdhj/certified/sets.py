@@ -206,6 +206,7 @@ class Certified(Options):
         parts, most = self.parts, min(FINER * self.parts, MOST_PIECES)
         while True:
             try:
+                # the table, its file and so the checker have the parts that it comes to here
                 proof = replace(self, parts=parts).proof(problem)
                 if parts == self.parts and not hidden(progress):
                     cells = " x ".join(str(axis.count) for axis in proof.axes)

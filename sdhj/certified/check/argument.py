@@ -134,6 +134,7 @@ def everywhere(holds: Holds, boxes: Array, axes: Sequence[int] | Array, depth: i
         out[of[no if more else ~yes]] = False
         if not more:
             continue
+        # `more` counts down from a multiple of their number, so that axes take turns
         axis = axes[-more % len(axes)]
         some, of = some[:, :, (open_ := ~yes & out[of])], of[open_]
         middle = some[:, axis].mean(axis=0)

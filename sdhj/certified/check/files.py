@@ -49,6 +49,7 @@ class Stated:
         packed: Any = entry.get("packed") or (None, self.sha256)
         self.packed, own = packed
         sizes = [*self.shape, 0 if self.packed is None else self.packed]
+        # with no dots, and one slash, which becomes a dot: no file outside of a folder can be named
         fits = bool(re.fullmatch("[a-z_]{1,40}(/[a-z0-9 ]{1,40})?", name)) and self.kind in KINDS
         fits = fits and len(self.shape) <= MOST_AXES and all(type(n) is int and 0 <= n <= MOST_BYTES for n in sizes)
         fits = fits and all(type(text) is str and re.fullmatch("[0-9a-f]{64}", text) for text in (self.sha256, own))
@@ -111,6 +112,7 @@ class Arrays:
         one, part = self.stated[name], self.parts[name]
         if one.packed is not None:
             try:
+                # one byte more than is stated, so that more is seen and never made
                 unpacker = zlib.decompressobj(-15)
                 part = memoryview(unpacker.decompress(part, one.size + 1))
             except zlib.error as error:

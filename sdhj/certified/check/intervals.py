@@ -295,6 +295,7 @@ def gridded(operands: list[Interval], table: Array, lower: list[float], spacing:
     known, out = np.flatnonzero(np.isfinite(places).all(axis=0)), np.full((2, places.shape[1]), np.nan)
     low, high = places[0::2, known], places[1::2, known]
     shape = np.array(table.shape)
+    # a box at the last node has the node before it, too, as `at_points` takes two at least
     begin = np.minimum(np.floor(low), shape[:, None] - 2.0)
     sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0).astype(np.int64)
     few = sizes.prod(axis=0) <= MOST_NODES

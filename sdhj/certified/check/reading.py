@@ -131,6 +131,7 @@ def free_memory() -> Iterator[float]:
         limit, used = (Path(f"/sys/fs/cgroup/memory.{n}").read_text(encoding="ascii") for n in ("max", "current"))
         lines = Path("/sys/fs/cgroup/memory.stat").read_text(encoding="ascii").splitlines()
         kept = dict(line.split() for line in lines)
+        # files that are kept in memory for speed give way
         yield int(limit) - int(used) + int(kept["inactive_file"])
     with suppress(OSError, LookupError, ValueError, ImportError):
         import resource  # where there is ulimit

@@ -432,6 +432,7 @@ def written(
         binds, text = operands[k]
         return text if binds >= least else f"({text})"
 
+    # the larger the number the closer it binds, as in `SIGNS`; with 9 no parentheses are needed anywhere
     if node.name in ("x", "p"):
         return 9, (coordinates if node.name == "x" else parameters)[node.given[0]]
     if node.name == "const":

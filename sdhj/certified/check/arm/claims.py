@@ -66,6 +66,7 @@ class Scene:
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
+        # as arguments of the case studies are called, v_p_max or v_e_max among them, by which files keep them
         for name in ("half_width", "u_max", "v_d_max", "delta", f"v_{agent[0]}_max", f"{agent}_radius", f"{agent}_box"):
             real(name, given[name], 0.0)
         for name, least in (("steps", 1), ("input_levels", 2)):

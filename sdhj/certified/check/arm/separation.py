@@ -222,6 +222,7 @@ def link_clear(link, body, part, velocity, start, world, stack):
         fastest += abs(disk[2]) + abs(disk[3]) + abs(disk[4] * disk[5])
     # the last two rows of the stack are no parts: what is left stays below them, to which `size` is held
     tau, size, box, piece = part[9], 1, stack[STACK - 1], stack[STACK - 2]
+    # how far a point of the arm, or the body, moves for a unit of each pair: joints, coordinates, time, pushes
     weights = l1, l2, agent, agent, fastest, l1 * tau, l2 * tau
     copy(part, stack[0])
     for _ in range(GRANTED):
@@ -287,6 +288,7 @@ def tip_inside(part, t, world, stack):
         outside = math.hypot(abs(ex + fx - x) + hx, abs(ey + fy - y) + hy) > world.target[7]
         if outside or size + 2 >= STACK:
             return False
+        # by its joints alone: of the agent's cell all corners are counted
         halve(box, weights, stack[size], stack[size + 1])
         size += 2
     return False
@@ -348,6 +350,7 @@ def sweep(j, duration, world, bench, bits):
                 if abs(ny) > 1e-6:
                     bound = farthest(nx, ny, link, pose, world.arm[2]) + world.agent[1] + ROUNDING
                     beyond(nx, ny, bound, grow, world.x, low, high)
+            # kept from column to column, as the borders of neighbours lie near one another
             first, stop = 0, 0
             for x in range(low.size):  # of this column the cells that are neither above high[x] nor below low[x]
                 while first < cells and y[first + 1] < low[x]:
