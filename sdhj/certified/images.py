@@ -197,9 +197,11 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     for i, axis in enumerate(axes):
         depends[i] |= axis.last_is_narrower
         if held[i]:
-            # no more than `Argument.alike_along` of the checker takes for alike: else the file is refused
-            steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
-            depends[i] |= not steady
+            # no more than `Argument.alike_along` of the checker takes for alike, else the file is refused: where v is
+            # not linear, it takes the components of the velocity together
+            together = problem.dynamics.gain is None and problem.dynamics.reads.any()
+            alike = problem.dynamics.constant or not (problem.sensing or together)
+            depends[i] |= not (is_steady(problem, i) and alike)
     return depends
 
 

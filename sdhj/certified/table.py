@@ -393,7 +393,7 @@ class CertifiedTable(Table):
         """Values (M, L): < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
 
         The magnitude is the distance of where the input leads without an adversary; it proves nothing. The sign is that
-        of the proof, and `fallbacks` promises a step only where it is not above 0.
+        of the proof, and `sdhj.table.beside.fallbacks` promises a step only where it is not above 0.
         """
         clear = self._words.look_up(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)

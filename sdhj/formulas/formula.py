@@ -238,13 +238,6 @@ class Formula(Remembering):
         return known[key]
 
     @cached_property
-    def meaning(self) -> tuple[Any, ...]:
-        """A key of what it computes: formulas with equal keys have equal values, to the last bit."""
-        tables: list[Lookup] = []
-        lines = tuple(written(self.outputs, tables))
-        return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
-
-    @cached_property
     def tape(self) -> Tape:
         """The formula as the kernels play it (`sdhj.kernels.tape`)."""
         return packed(*program(self.outputs))

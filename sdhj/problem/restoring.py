@@ -83,7 +83,8 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
     """In words, how a problem differs from what a file describes, by more than a machine's rounding; or "".
 
-    With "" `problem_of_file` takes the problem although its digest is another: all that the digest is of is compared.
+    With "" `sdhj.table.files.problem_of_file` takes the problem although its digest is another: all that the digest
+    is of is compared.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].entry_in_head, problem.sensing.entry_in_head

@@ -89,7 +89,9 @@ def _fast_sets(first: Moment) -> list[UnsafeSet]:
 
     In a substep g changes by more than `FAST` of max -g, or none of the random states looked at is in the set.
     """
-    problem, h, rng = first.problem, first.duration, np.random.default_rng(0)
+    # the longest substep: what is found holds for all intervals, of which some may be short
+    problem, rng = first.problem, np.random.default_rng(0)
+    h = problem.sensing.hold(problem.delta)[0] / SUBSTEPS
     grid, found = problem.grid, list[UnsafeSet]()
     for unsafe_set in problem.unsafe:
         deepest = change = 0.0

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from sdhj.common.checks import points_array, read_only_view, real_array, states_array, whole
+from sdhj.common.checks import finite_array, points_array, read_only_view, real_array, states_array, whole
 from sdhj.common.remembering import FloatArray, ReadOnly, Sealed
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
@@ -488,7 +488,7 @@ class Table(ReadOnly):
         >>> table.values_at(np.array([[[-2.0], [2.0]]]), 0, np.array([3])) <= 0
         array([[ True,  True]])
         """
-        points, step = real_array("points", points), whole("step", step, least=0, most=self.steps)
+        points, step = finite_array("points", points), whole("step", step, least=0, most=self.steps)
         within = np.clip(within, 0, self.steps - step)
         if points.ndim != 3 or points.shape[::2] != (len(within), self.grid.ndim):
             raise ValueError(f"points must have shape ({len(within)}, V, {self.grid.ndim}), got {points.shape}")

@@ -187,7 +187,7 @@ def directory(members: Sequence[Member]) -> bytes:
 def head_text(head: Mapping[str, Any], stated: Mapping[str, Stated]) -> bytes:
     """The bytes of problem.json: a head, with an entry "arrays" besides.
 
-    The checker has its first line a second time, on purpose (`BEGINNING` in `sdhj.certified.check.files`).
+    The checker has its first line a second time, on purpose (in `sdhj.certified.check.files`).
     """
     about = {name: stated[name].entry for name in sorted(stated)}
     text = json.dumps(dict(head) | {"arrays": about}, sort_keys=True)[1:].encode() + b"\n"

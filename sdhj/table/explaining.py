@@ -1,5 +1,6 @@
 """Why a state is in a tube of a table, or is not: the answer of `explain`, and how tables on a grid give it."""
 
+import textwrap
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -67,7 +68,8 @@ class Explanation:
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
         lines += ["What keeps it out: " + "; ".join(self.causes)] if self.causes else []
-        lines += ["What may help: " + "; ".join(self.helps)] if self.helps else []
+        helps = "What may help: " + "; ".join(self.helps)
+        lines += textwrap.wrap(helps, 88, subsequent_indent="  ") if self.helps else []
         return "\n".join([self.says, *lines])
 
 

@@ -348,6 +348,19 @@ def cornered(**dynamics):
     )
 
 
+def turned_by_gusts():
+    """A wall on an axis whose velocity reads no coordinate, beside one that reads its own; v is not linear."""
+    still = lambda q: 0.0 * q[:, 0]  # noqa: E731
+    velocity = lambda q, u, v: np.stack([u[0] + 0.1 * v[0] ** 2 + still(q), -0.5 * q[:, 1] + 0.1 * np.sin(v[0])], 1)  # noqa: E731
+    return replace(
+        cornered(),
+        grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=["wall", "unsafe"]),
+        dynamics=sdhj.Dynamics([[-1.0], [0.0], [1.0]], velocity=velocity, bounds=[0.2]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(*p.T) - 0.3),
+        delta=0.1,
+    )
+
+
 ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the problem, cells, parts
     "line": (line, (80,), 1),
     "two posts in one": (two_in_one, (80,), 1),
@@ -407,6 +420,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "hidden": (hidden, (80,), 1),
     "hidden and moving": (lambda: hidden(pace=0.5, rate=0.5), (80,), 2),
     "windy": (windy, (30, 30), 3),
+    "turned by gusts": (turned_by_gusts, (40, 40), 2),
 }
 
 

@@ -857,6 +857,7 @@ REFUSED = [  # a call, what it says
     (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
     (lambda: line().target_value([["a"]], 0.0), "points must be real numbers"),
     (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
+    (lambda: table().values_at(np.full((1, 1, 1), np.nan), 0, np.array([3])), "points has a NaN"),
     *(
         (lambda speed=speed: solved(ring(speed), Certified(cells=[40])), "moves the state by more than 32,767 cells")
         for speed in (1e10, 1e17, 1e18, 1e19, 1e20, 1e100, 1e300)

@@ -32,7 +32,6 @@ from sdhj.table.files import read_array
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
 LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
-CELL = 7e-11  # seconds for a cell, an input and an entry: for each half of a solve
 MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 
@@ -48,12 +47,6 @@ class ArmProof(Proof):
     # images, tubes and where the arm is clear of the known obstacles; fewer parts under slower inputs
     motion: ArmMotion
     kind = "arm"
-
-    @property
-    def seconds(self) -> float:
-        """What a solve takes on one core: a count of what is computed, times the seconds of each."""
-        steps, cells = self.problem.most_steps, math.prod(axis.count for axis in self.axes)
-        return 2 * CELL * cells * len(self.problem.inputs) * (steps * (steps + 1) // 2)
 
     rows = 2
     time_invariant = False
