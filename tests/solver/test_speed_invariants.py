@@ -320,15 +320,6 @@ def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch
         Grid([-1] * 4, [1] * 4, [1000] * 4).points()
 
 
-@pytest.mark.slow
-def test_pieces_at_random_are_the_pieces():
-    grid = Grid([0.0] * 3, [1.0] * 3, (7, 100, 301), (True, False, False))
-    points = np.concatenate([piece.points() for piece in grid.pieces_at_random(100, 1, np.random.default_rng(3))])
-    np.testing.assert_array_equal(np.unique(points, axis=0), np.unique(grid.points(), axis=0))
-    assert len(points) == grid.size
-    assert len([*grid.pieces_at_random(3, 2, np.random.default_rng(3))]) == 2
-
-
 def test_a_solve_that_does_not_fit_is_refused(monkeypatch):
     with pytest.raises(ValueError, match="steps must be a whole number from 1 to 1,000,000"):
         sdhj.arm_case_study(nodes=9, steps=10**300)
