@@ -31,7 +31,8 @@ def sites_of(
 ) -> tuple[FloatArray, tuple[int, int, int]]:
     """The strides of sites, (ndim,), and the shape (starts, sites, bytes) of the array `GeneralProof.arrives`.
 
-    All is 0 where images are judged by cells alone, without a target or with `Sensing`.
+    All is 0 where images are judged by cells alone, without a target or with `Sensing`. depends (ndim,) bool : the axes
+    of a place, as `place_axes` finds them.
     """
     # `Argument.read_proof` works strides and shape out once more, and refuses a file with another shape
     strides = np.zeros(len(axes), np.int64)

@@ -50,7 +50,7 @@ def _dangers_of(problem: ReachAvoidProblem) -> tuple[Dangers, ...]:
     frees, fails = (np.flatnonzero(grid.ends_where(fate).any(axis=0)).tolist() for fate in ("frees", "fails"))
 
     def among(axes: Sequence[int]) -> list[list[int]]:
-        # where some axes are, and all that these depend on
+        # the lists (sets, ends) in `found`, to be added to, of these axes, those of safe ends, and all they depend on
         own = {*axes, *frees}
         while more := {int(k) for i in own for k in np.flatnonzero(reads[i])} - own:
             own |= more

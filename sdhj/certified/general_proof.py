@@ -328,7 +328,7 @@ class GeneralProof(Images):
     # ---- the recursion; sets are (rows, W) uint64
 
     def _asked(self) -> list[_Asked]:
-        """What tubes are tested by, for all dangers of the same axes."""
+        """An `_Asked` for each of `dangers_of`: its bits are a view of `clear`, or what `_unite` takes into it."""
         edges = np.full((len(self.axes), self.cells.counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
@@ -340,6 +340,7 @@ class GeneralProof(Images):
             begin = _numbers(self.strides > 0, counts)
             others = np.isin(np.arange(len(counts)), one.axes, invert=True)
             first = ~at_place[:, others].any(axis=1)  # of the places that differ on other axes only
+            # numbered as places ascend: `_mark_collisions` hands on ranges of these numbers
             place = np.where(first, np.cumsum(first) - 1, -1)
             layout = Placed(*read_only((counts, begin)), nothing, 0, 0, 0, *read_only((edges, safe)))
             # those that are kept with others of more axes are marked in an array of their own, until `_unite`

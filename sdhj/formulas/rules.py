@@ -107,6 +107,7 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
     def simpler(make: Make, a: Any, b: Any) -> Any:
         if a is b or is_constant(b, neutral):
             return a
+        # op(op(a, c), d) = op(a, op(c, d)) of constants, which are looked for as second operands alone
         if a.op == op and b.op == "const" and a.args[1].op == "const":
             return make(op, a.args[0], make(op, a.args[1], b))
         return b if is_constant(a, neutral) else None

@@ -266,6 +266,7 @@ def traced(
 
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
     """Whether a function answers for point `row` as for point 0, each with its own coordinates."""
+    # known: the counterpart of each node of point 0, which is one node, as nodes are interned: `is` compares graphs
     pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
     for one, its in pairs:  # to which operands are added
         if known.get(one) is its:

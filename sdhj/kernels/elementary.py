@@ -126,6 +126,7 @@ def exp(x):
 def _split(x):
     """(k, f), two floats, of x = 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2), for x > 0 and finite."""
     small = x < 2.0**-1022
+    # the exponent of this sum of bits is that of 2^k, and its fraction plus ROOT_BITS are the bits of 1 + f
     bits = np.float64(x * 2.0**54 if small else x).view(np.int64) + (ONE_BITS - ROOT_BITS)
     k = np.int64(np.int64(np.uint64(bits) >> np.uint64(52)) | WHOLE_BITS).view(np.float64) - (2.0**52 + 1023)
     return (k - 54.0 if small else k), np.int64((bits & FRACTION) + ROOT_BITS).view(np.float64) - 1.0

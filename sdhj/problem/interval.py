@@ -261,7 +261,10 @@ class Interval(ReadOnly):
         return np.array(found).reshape(-1, ndim)
 
     def _greatest_along(self, states: FloatArray, begin: float, directions: FloatArray) -> FloatArray:
-        """The greatest n @ (x(end) - x) over v, which is cut, or an estimate, for directions n: (M, L, K)."""
+        """The greatest n @ (x(end) - x) over v, which is cut, or an estimate, for directions n: (M, L, K).
+
+        M is 1 where velocities do not depend on the state; there it is an upper bound, and else an estimate.
+        """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.depends_on_time else np.array([self.begin])

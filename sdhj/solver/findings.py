@@ -401,6 +401,7 @@ def _costly_error(problem: ReachAvoidProblem) -> Finding | None:
     states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (STATES, grid.ndim))
     still, t = np.zeros((STATES, problem.dynamics.disturbance_dim)), problem.time(0)
     speeds = [problem.dynamics.velocity_at(states, j, still, t) for j in range(len(problem.inputs))]
+    # K is shrunk by E to M, and M by E to W (`sdhj.problem.sensing`): 2 E a step; inputs win back half of their range
     changed, costs = problem.delta * np.ptp(speeds, axis=0).max(axis=0) / 2, 2 * problem.half_widths[0]
     for axis in np.flatnonzero((changed > 0) & (costs >= changed * (1 - 1e-9))).tolist():
         return Finding(

@@ -55,7 +55,8 @@ def maxima_over_sets(
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)
         return
-    count, lasting = len(moved.low), grid.wider([(0, 0)] * grid.ndim)  # where nobody is out of danger half of the way
+    # with walls for ends, so that nobody is out of danger past a safe end after the segments, half of the way
+    count, lasting = len(moved.low), grid.wider([(0, 0)] * grid.ndim)
     together = count if (moved.halves == moved.halves[0]).all() else 1
     for first in range(0, count, together):
         raised, end = maximum_over_segments(grid, values, moved.halves[first], interpolation), first + together

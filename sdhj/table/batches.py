@@ -433,7 +433,7 @@ class Table(ReadOnly):
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether an input for each state passes the true sets: (M,)."""
+        """Whether an input for each state passes the true sets, with `left` steps to go after it: (M,)."""
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         # with left + 1 steps to go, as `propose` takes one off
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))

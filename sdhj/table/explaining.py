@@ -160,7 +160,7 @@ def _failure(
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
     """The unsafe set, or the unsafe end of an axis, that input j comes nearest to, and when, s."""
     problem, grid = table.problem, table.grid
-    # by level-set value, or distance to an end, on straight lines from the state to `ends` (P, ndim)
+    # by level-set value, or distance to an end, on straight lines from the state to state + `ends` (P, ndim)
     best = np.inf, "the unsafe ends of the grid", 0.0
     for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
         points, t = state + s * ends, problem.time(step) + s * problem.delta

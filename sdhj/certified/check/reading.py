@@ -159,4 +159,5 @@ def fraction(text: Any) -> Fraction:
     """The fraction that a text such as "-1/3" states, of numbers of up to 300 digits."""
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
     expect(bool(fits), "cells must be stated as fractions", text)
+    # of a denominator 0 `head_and_arrays` makes a ValueError
     return Fraction(text)

@@ -188,7 +188,8 @@ def of_inputs(sets: Argument, drawn: Mapping[int, Array], rng: np.random.Generat
 def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int, list[str]]:
     """How many claims there are of u_j in the interval from a step, of some cells, and which fail.
 
-    What stays open is asked again by finer pieces of the interval.
+    What stays open is asked again by finer pieces of the interval. numbers : of cells, flat; of moves there is a claim
+    at each of their places, of the rest where the bit is set, as `Argument.of_an_input` checks of all cells.
     """
     start, cells = min(step, len(sets.low) - 1), np.array(np.unravel_index(numbers, sets.counts))
     left = [Drawn(MOVES, sets.strides, np.unique(sets.strides @ cells), partial(sets.moves_hold, start, j))]

@@ -186,6 +186,7 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
         return [(p - x) * along[0] + (q - y) * along[1] for p, q in b.corners]
 
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
+    # corners of `a` along normals of `b`, and of `b` along those of `a`, in the frame of `a`
     for body, far in ((b, of_a), (a, of_b)) if len(b.corners) else ((b, of_a),):
         for normal, ends, offset in zip(body.normals, body.ends, body.offsets, strict=True):
             # `part` has measured `ends` along normal @ TURN, too
