@@ -696,6 +696,8 @@ class Loop:
         status, value, missed = np.empty(self.count, np.int32), np.empty(self.count, np.uint32), given[:, 0] > np.inf
         points = np.empty_like(given)
         asked = None if wanted is None else np.ascontiguousarray(wanted, np.uint32)
+        if asked is not None and asked.shape != (self.count,):  # the C reads so many
+            raise ValueError(f"wanted must have shape {(self.count,)}, got {asked.shape}")
         library, opened = self.exported._opened
         # likewise for x_step, which writes `missed` as bytes: it is an array of bool, False at first
         arrays = [ctypes.c_void_p(one.ctypes.data) for one in (self.memories, given, status, value, points, missed)]

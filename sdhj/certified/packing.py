@@ -146,6 +146,7 @@ class Packing:
     def _in_order(self, some: _Swapped) -> _Swapped:
         """What `some` has, with `axis` and the last axis exchanged, as new arrays."""
         order = self.order
+        # each field of `Cells`, `Moves` and `Clear` whose last axis is that of the axes has to be named below
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
             # contiguous as those of the proof are: for views kernels would be compiled once more

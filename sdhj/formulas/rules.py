@@ -59,6 +59,7 @@ class Rule:
 
 
 # ---- how nodes are simplified (None: not at all): without a change of a value, or of where it is undefined
+# Otherwise than before, and `alike` refuses certified arms and problems that were saved before, wherever it is met.
 
 
 def is_constant(one: Any, value: float | None = None) -> bool:

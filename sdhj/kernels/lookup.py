@@ -38,7 +38,7 @@ from sdhj.kernels.tubes import (
 def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, stored_tubes, lattice, room, out):
     """Look at the true sets for some states, and undo in `out` what they refute; False where one is undefined.
 
-    `choose_by_true_sets` of `sdhj.table.ahead` does the same where a set is a black box: both change together.
+    `sdhj.table.ahead.choose_by_true_sets` does the same where a set is a black box: both change together.
     """
     samples, times = room.samples, part(ints, floats, CHECK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, ints, floats, leads, out, samples)

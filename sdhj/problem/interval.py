@@ -129,6 +129,7 @@ class Interval(ReadOnly):
 
     def _runge_kutta(self, j: int, states_and_v: Any, t: Any, duration: Any) -> Any:
         """One Runge-Kutta step of order 4 under input j from states and v side by side: (M, ndim)."""
+        # proofs of E (`_spread` of `sdhj.certified.images`, the checker) rest on weights of the mean that are >= 0
         # one array, as formulas take it
         states, v = states_and_v[:, : self.grid.ndim], states_and_v[:, self.grid.ndim :]
 

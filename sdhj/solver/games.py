@@ -179,7 +179,8 @@ class _OnAxes:
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """To be implemented: yield the reach sets of {values <= 0}, some successive inputs at a time.
 
-        Inputs whose marks are in one byte come together; at the nodes of the grid without its padding.
+        Inputs come ascending, at the nodes of the grid without its padding; those whose marks are in one byte together,
+        or one by one where segments differ: `add_inputs` adds bits to a byte that has been begun.
         """
         raise NotImplementedError
 

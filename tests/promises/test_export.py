@@ -265,6 +265,12 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
     assert told
 
 
+def test_a_command_for_fewer_robots_is_refused(exported):
+    loop = exported("torus, remembering").loop(3)
+    with pytest.raises(ValueError, match="wanted must have shape"):
+        loop.step(np.zeros((3, 2)), 0, [0])
+
+
 def test_c_refuses_a_measurement_by_itself(exported):
     """As Python does: what is proved for one interval is answered, and a first measurement that is said to be one."""
     c, table = exported("joint, remembering"), solved("joint, remembering")
