@@ -2,6 +2,7 @@
 
 import dataclasses
 import gc
+import itertools
 import warnings
 
 import naive
@@ -327,3 +328,20 @@ def test_a_table_is_freed_with_its_last_name(method: str) -> None:
         assert not [one for one in gc.get_objects() if type(one) is GridSets]
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize("push", [0.3, 0.9])
+def test_what_is_clear_for_more_steps_is_for_fewer_at_every_node(push: float) -> None:
+    """Whatever the scheme's error: without that rule some nodes of this robot are safe for more steps alone."""
+    moved = lambda q, u: np.stack([q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1)  # noqa: E731
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], ends="unsafe"),
+        sdhj.Dynamics([[-1.0], [0.0], [1.0]], moved, [[0.0], [1.0]], [push]),
+        None,
+        [],
+        0.3,
+        6,
+    )
+    table = sdhj.solve(problem, progress=False, play=False)
+    tubes = [table.values(start=0, within=n) for n in range(7)]
+    assert all((more >= fewer).all() for fewer, more in itertools.pairwise(tubes))

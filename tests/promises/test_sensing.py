@@ -558,3 +558,13 @@ def test_a_file_knows_what_it_was_solved_for(tmp_path):
     arm = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=Sensing(0.001, 0.01, memory=False))
     sdhj.solve(arm, progress=False).save(path)
     assert sdhj.load(path).problem.sensing == arm.sensing
+
+
+@pytest.mark.parametrize(("error", "delay"), [(0.05, 0.0), (0.05, 0.1)])
+def test_what_inputs_lead_to_reckons_with_the_error_now_and_at_the_next_step(error: float, delay: float) -> None:
+    """Without a memory: twice E = error + delay times the push; the controller looks up no less."""
+    exact = toys.interval_problem()
+    sensed = replace(exact, sensing=sdhj.Sensing(error, delay, memory=False))
+    boxes = [one.interval(0).displacement_sets(np.zeros((1, 1)))[:2, :, 0, 0] for one in (exact, sensed)]
+    wider = 2 * (error + 0.2 * delay)  # |v| <= 0.2
+    np.testing.assert_allclose(boxes[1], boxes[0] + [[-wider], [wider]], atol=1e-12)
