@@ -384,7 +384,7 @@ def completed_by(
     Arrays go through the folder, which every worker has to see under the same path. A worker that dies leaves no mark,
     and another one gets its part; of an error what has not begun is cancelled.
     """
-    workers = list(client.scheduler_info()["workers"])
+    workers = list(client.nthreads())  # of all: some versions of `scheduler_info` tell of five
     # by a name of its own, made anew for entries: games keep velocities, and those of the avoid tubes are of all inputs
     given = uuid.uuid4().hex, folder.path, folder.parts.problem, folder.parts.method
     pickled = importlib.import_module("cloudpickle").dumps(given)
@@ -471,7 +471,7 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
     sets.look_over(folder.goal, free)
     # one row is a chain, so that machines help only within an entry
     apart = client is not None and problem.time_invariant and getattr(folder.parts.games, "apart", False)
-    shares = min(len(client.scheduler_info()["workers"]), len(problem.inputs)) if apart else 0
+    shares = min(len(client.nthreads()), len(problem.inputs)) if apart else 0
     shares *= shares > 1
 
     def row(step: int) -> list[Part]:
