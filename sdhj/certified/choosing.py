@@ -156,12 +156,12 @@ def seconds_taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts:
     depends, count = place_axes(problem, axes), len(problem.inputs)
     moves = moves_of(problem, axes, depends)[1]
     starts, _, places, ndim = moves
-    calls, boxes = (parts * starts * count * finest(problem, parts, (starts, count, n, ndim)) for n in (1, places))
+    calls, pieces = (parts * starts * count * finest(problem, parts, (starts, count, n, ndim)) for n in (1, places))
     velocity = problem.dynamics.drift
     if not isinstance(velocity, BlackBox):
         # of input 0, as those of others take about as long
         velocity = problem.dynamics.functions_by_input["drift"][0]
-    images = CALL * calls + boxes * places * (AXIS * ndim + OPERATION * _operations(velocity))
+    images = CALL * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity))
     asked, most = 0, problem.most_steps
     for one in dangers_of(problem):
         times = [most if problem.unsafe[number].moving else starts for number in one.sets] + [starts] * bool(one.ends)
@@ -170,8 +170,8 @@ def seconds_taken(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts:
     entries = min(steps, CHANGING) if problem.time_invariant else steps * (steps + 1) / 2
     cells, packed = math.prod(axis.count for axis in axes), packed_axis(problem.grid, axes, depends)
     alone = depends[packed] or problem.grid.has("frees")
-    led = cells if alone else cells // axes[packed].count * -(-axes[packed].count // 64) * 64  # in whole words
-    each = led * (BY_ITSELF if alone else IN_WORDS) * math.sqrt(count)
+    at_once = cells if alone else cells // axes[packed].count * -(-axes[packed].count // 64) * 64  # in whole words
+    each = at_once * (BY_ITSELF if alone else IN_WORDS) * math.sqrt(count)
     return images, CLEAR * count * asked, entries * (ENTRY * cells + each)
 
 

@@ -810,9 +810,17 @@ def ring(speed):
     return run(lambda q, u: speed * u[0] * (2.0 + np.sin(2.0 * np.pi * q)), periodic=True, upper=1.0)
 
 
-LONG = ["images of too many cells", "a loop of a table that forgets", "no compiler", "a solve and no memory"]
-LONG += ["an ending", "a set below its sweep", "a velocity without bound"]
-LONG += ["a velocity that grows too fast", "an export onto a file"]
+LONG = [  # rows that take more than a quarter of a second
+    "images of too many cells",
+    "a loop of a table that forgets",
+    "no compiler",
+    "a solve and no memory",
+    "an ending",
+    "a set below its sweep",
+    "a velocity without bound",
+    "a velocity that grows too fast",
+    "an export onto a file",
+]
 ARRAY, TWO = np.zeros(3), [np.zeros(2), np.zeros(3)]
 REFUSED = [  # a call, what it says
     (
