@@ -71,7 +71,7 @@ def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) ->
     run : Trajectory
         Of `sdhj.simulate`.
     index : int
-        Which of run.times.
+        Which of run.times, else IndexError.
 
     Examples
     --------

@@ -134,7 +134,9 @@ class Grid(Remembering):
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     def nodes(self, axis: int) -> FloatArray:
-        """Coordinates of the nodes on one axis: (shape[axis],).
+        """Coordinates of the nodes on one axis, in its unit: (shape[axis],).
+
+        IndexError if the grid has no such axis.
 
         Examples
         --------
@@ -193,6 +195,8 @@ class Grid(Remembering):
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
+
+        IndexError if the grid has not all of them.
 
         Examples
         --------
