@@ -106,6 +106,7 @@ def plainly(function: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             click.echo("\ninterrupted; no unfinished file is left, and existing files are unchanged", err=True)
             sys.exit(128 + signal.SIGINT)
+        # what the package raises on purpose; anything else is a fault of its own, and shows a traceback
         except (ValueError, OSError, MemoryError, ImportError) as error:
             said = str(error)
             if isinstance(error, OSError) and error.filename is not None and error.strerror:  # not "[Errno 17] ..."
@@ -212,6 +213,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     if state.size != controller.problem.grid.ndim or not np.isfinite(state).all():
         raise ValueError(f"--start must be {controller.problem.grid.ndim} finite numbers, got {reprlib.repr(start)}")
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
+    # the states of a run that belong to one input
     inputs, held = controller.problem.inputs, len(trajectory.states) // max(len(trajectory.inputs), 1)
     for i, (t, at) in enumerate(zip(trajectory.times, trajectory.states, strict=True)):
         line = f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at)
@@ -459,6 +461,7 @@ def plot_command(
     """Draw the tubes of a table on a slice, or a run."""
     from sdhj import plotting
 
+    # refused before the table is read, which may take long
     plotting.looks.writable_picture(output, (".png", ".svg"))
     read = load(table, problem=None if problem is None else user_problem(problem))
     along, through = slice_of(read.grid, axes, at)
@@ -531,6 +534,7 @@ def compile_kernels(robot: str, method: str) -> float:
     problem = arm_case_study(nodes=9, steps=2) if robot == "arm" else new_robot()
     with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
         table = solve(problem, Certified(cells=WARM_CELLS[robot]) if certified else method, progress=False)
+    # look-ups, runs and the checker have kernels of their own
     table.contains(np.add(problem.grid.lower, problem.grid.upper) / 2)
     monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
     if certified:

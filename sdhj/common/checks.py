@@ -31,10 +31,12 @@ def options_of(kind: Any) -> dict[str, Any]:
 def belonging_to(kind: Any, name: str, value: Any) -> str:
     """Where an option belongs that a part of `kind` has, and why the part refuses it; "" if none has."""
     for part in options_of(kind).values():
+        # only a field that is made by a class of options of its own can have an option that belongs elsewhere
         inner = part.default_factory
         if not (isinstance(inner, type) and issubclass(inner, Options)):
             continue
         if name in options_of(inner):
+            # made once, so that what the part would refuse is said at once
             try:
                 inner(**{name: value})
                 wrong = ""

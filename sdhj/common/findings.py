@@ -69,6 +69,7 @@ class Finding(NamedTuple):
         return self.cause + self.remedy
 
 
+# of each thread and task its own, as several may solve at the same time
 _FOUND = ContextVar[list[Finding] | None]("found", default=None)
 
 

@@ -201,6 +201,8 @@ class Traced(NDArrayOperatorsMixin):
         if isinstance(at, Traced):
             if at.dtype != TRUTH or value.ndim or at.shape != self.shape:
                 raise NotTraced("writing where values say so", MASK)
+            # NumPy would write where the mask is true; here each entry becomes a choice, so all of them are written
+            # (`...`)
             value, at = mapped(narrowing.where, entries_of(at), value, self.entries), ...
         elif holds_traced(at):
             raise NotTraced("writing where values say so", MASK)
@@ -216,6 +218,7 @@ class Traced(NDArrayOperatorsMixin):
         if not isinstance(ufunc, np.ufunc):
             raise NotTraced("a call of compiled code", UNCOMPILED)
         if method == "reduce" and ufunc in REDUCED and out is None:
+            # a ufunc's own reduce has the axis 0 by default, where np.sum and its like take all
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
         if ufunc is np.divmod and method == "__call__" and not options and out is None:
             return np.floor_divide(*inputs), np.remainder(*inputs)
@@ -271,6 +274,7 @@ class Traced(NDArrayOperatorsMixin):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
             return functools.partial(self._rearranged, name)
+        # who looks for one of these takes an AttributeError for a no; a NotTraced would count as a refusal
         if name.startswith("__"):
             raise AttributeError(name)
         if name == "_numba_type_":
@@ -339,6 +343,7 @@ def traced_array(value: Any) -> Traced:
         given = np.asarray(value)
     except ValueError:
         raise NotTraced("lists of different lengths", SHAPES) from None
+    # what only converts itself to an array, as a masked one, may compute otherwise than its numbers do
     if type(value) not in (bool, int, float, list, tuple, np.ndarray) and not isinstance(value, np.generic):
         raise NotTraced(f"a {type(value).__name__} in place of numbers", "formulas compute with real numbers")
     if given.dtype.kind not in "biuf" or given.dtype.itemsize > 8:
@@ -440,6 +445,7 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
         raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
+    # it has a rule, but none for an answer of this type
     kinds = ", ".join(str(one.dtype) for one in arrays)
     what = f"{name} of {kinds} with an answer of {dtype}"
     raise NotTraced(what, "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1")
@@ -512,8 +518,10 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
         array = _counted(array)
     places = range(array.ndim) if axis is None else normalize_axis_tuple(axis, array.ndim)
     join = (LOGICAL if array.dtype == TRUTH else OPERATIONS)[ufunc]
+    # without an identity, as of min and max, NumPy refuses to reduce an axis of length 0
     nothing = {np.add: constant(0.0), np.multiply: constant(1.0)}.get(ufunc)
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
+    # the last axis first, so that the numbers of those that are left stay right
     for place in sorted(places, reverse=True):
         entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
     return _sealed_number(Traced(entries, array.dtype))
@@ -533,6 +541,7 @@ def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
     """numpy.linalg.norm along one axis, or of all entries: sqrt(sum x^2), sum |x| (1) or max |x| (inf)."""
     array = traced_array(x)
+    # a matrix without an axis has norms of other kinds, but the one of order None is that of all its entries
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
     if not vector or ord not in (None, 1, 2, np.inf):
         raise NotTraced(f"numpy.linalg.norm of order {ord} along {axis}")
@@ -572,6 +581,7 @@ def _round(a: Any, decimals: int = 0) -> Any:
     """numpy.round of traced floats: rint(a 10^decimals) / 10^decimals."""
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
+    # a power of ten below 1 is not exact, so for negative decimals it divides first, as NumPy does
     scale = 10.0 ** abs(decimals)
     return np.rint(a * scale) / scale if decimals >= 0 else np.rint(a / scale) * scale
 
@@ -603,6 +613,7 @@ def _summed(function: Any, *args: Any) -> Any:
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
+    # NumPy calls `+`, `-` and `*` of the nodes: a function that does anything else with entries fails
     answer = _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
     return _sealed_number(answer)
 

@@ -53,6 +53,7 @@ def _derived(one: Node, found: Found) -> Node:
         return _branches(one, slopes, found)
     if one.op == "gridded":
         return _interpolated(one, slopes)
+    # the length of a vector: what its parts are divided by it are shares, which have bounds also where it is 0
     if one.op == "sqrt" and (parts := squares(one.args[0])) is not None:
         return sum((make("share", part, one) * found[part] for part in parts), ZERO)
     if one.op in ("sin", "cos"):
@@ -70,6 +71,7 @@ def _derived_angle(one: Node, found: Found) -> Node:
     """The derivative of an angle that only a sine or cosine reads, so that its jumps by 2 pi do not matter."""
     if found[one] is ZERO:
         return ZERO
+    # not of products: a multiple of an angle may jump by other than whole turns
     if one.op in ("add", "sub", "neg"):
         return make(one.op, *(_derived_angle(arg, found) for arg in one.args))
     if one.op == "mod" and one.args[1] is TURN:
@@ -113,6 +115,7 @@ def _equal_at_border(compared: Node, branches: Sequence[Node]) -> bool:
     """Whether two branches are the same node once one side of a comparison is put in place of the other."""
     if not RULES[compared.op].truth:
         return False
+    # either side may stand in the branches; two forms of one number are not found to be equal, and count as a jump
     for old, new in (compared.args, compared.args[::-1]):
         one, other = rebuilt(branches, lambda part, old=old, new=new: new if part is old else None)  # type: ignore[misc]
         if one is other:

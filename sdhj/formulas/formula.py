@@ -70,6 +70,7 @@ class Formula(Remembering):
         def arguments(rows: int) -> list[Traced]:
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
+        # the answer is one number for a point, and has an axis for the points
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
         return cls(tuple(outputs), coordinates, len(names), (), name, [function])
 
@@ -124,6 +125,7 @@ class Formula(Remembering):
             return self._inlined(points, parameters)
         if not points.flags.writeable:  # for what may not be written to, all would be compiled once more
             points = points.copy()
+        # a row for each result, as kernels write them; callers get a row for each point
         out = np.empty((len(self.outputs), len(points)))
         if not _play(self.tape, points, given, out) and finite:
             row = int(np.argmin(np.isfinite(out).all(axis=0)))
@@ -145,6 +147,7 @@ class Formula(Remembering):
         # for what may not be written to, all would be compiled once more
         low, high, ends = (np.require(one, np.float64, ["C", "W"]) for one in (low, high, ends))
         _play_bounds(self.tape, FACTS, low, high, ends, out)
+        # so kernels say that it may be undefined; callers compare these ends, and every comparison with NaN is false
         undefined = np.isnan(out[0])
         out[0][undefined], out[1][undefined] = -np.inf, np.inf
         least, greatest = np.moveaxis(out, 2, 1).reshape(2, len(low), *self.shape)
@@ -172,6 +175,7 @@ class Formula(Remembering):
         rows = np.flatnonzero(two_branches & np.isfinite(found).all(axis=0))
         each = []
         for sides in product((0, 1), repeat=len(jumps)) if rows.size else ():
+            # `rest` reads what jumps as further coordinates, in this order (`_jumps`)
             begins, ends = parts[range(len(jumps)), sides][..., rows].transpose(1, 2, 0)
             boxes = np.column_stack([low[rows], begins]), np.column_stack([high[rows], ends])
             each.append(rest.bounds(*boxes, *parameters))
@@ -225,6 +229,7 @@ class Formula(Remembering):
         for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
             put[leaf("x", k)] = make("min", make("max", leaf("x", k), constant(low)), constant(high))
         outputs = tuple(rebuilt(self.outputs, put.get))
+        # without the source, which answers otherwise beyond the ends
         return Formula(outputs, self.coordinates, self.parameters, self.shape, self.name)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
@@ -233,6 +238,7 @@ class Formula(Remembering):
         known: dict[tuple[int, ...], Formula] = self.remembered("restricted", dict)
         if (key := tuple(axes)) not in known:
             put = {leaf("x", axis): leaf("x", k) for k, axis in enumerate(axes)}
+            # a coordinate that is not among `axes` would keep its number, and so read another column
             outputs = tuple(rebuilt(self.outputs, put.get))
             known[key] = Formula(outputs, len(axes), self.parameters, self.shape, self.name)
         return known[key]
@@ -450,6 +456,7 @@ class BlackBox:
             raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
         centre, middle = (low + high) / 2, sum(time) / 2
         value = np.asarray(self(centre, middle))
+        # of a drift or a gain, which have a shape, a row for each component; of a level set as it was declared
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
@@ -504,6 +511,7 @@ def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
         ends = np.where(laps[1] - laps[0] > 1, np.array([[[0.0], [1.0]]]) * b[0], ends)
     else:
         cut = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0)
+        # zeros have signs: -0.0 is the side below the jump, on which arctan2 is -pi
         below = np.where(cut & (a[0] == 0), -0.0, a[0]), np.where(cut, -0.0, a[1])
         y = np.array([[np.where(cut, 0.0, a[0]), a[1] + 0.0], below])[:, :, None]
         x = np.array([np.where(b[0] == 0, -0.0, b[0]), b[1] + 0.0])  # a zero of either sign

@@ -124,6 +124,7 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
             found.truth, found.total = value in (0.0, 1.0) or math.isnan(value), math.isfinite(value)
         elif op == "power":
             found.total = found.total and 0 <= value <= MOST_TOTAL
+        # two threads may each have made one: the node is the one that was kept first
         with _lock:
             found = _nodes.setdefault(key, found)
     return found
@@ -173,6 +174,7 @@ def power(a: Node, b: Node) -> Node:
     if exponent == -1.0:
         return make("div", constant(1.0), a)
     if exponent.is_integer() and abs(exponent) <= MOST_EXPONENT:
+        # also 0 to the power of 0 is 1, but where a is undefined its power has to be, too
         return constant(1.0) if exponent == 0.0 and a.total else make("power", a, value=int(exponent))
     return make("pow", a, b)
 
@@ -204,6 +206,7 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
     for one in ordered(outputs):
         put, args = replaced(one), tuple(new[arg] for arg in one.args)
         if put is None:
+            # what has not changed stays the object that it was, and is not simplified once more
             put = one if args == one.args else make(one.op, *args, value=one.value)
         new[one] = put
     return [new[one] for one in outputs]

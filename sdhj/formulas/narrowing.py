@@ -50,6 +50,7 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
 
     Each inequality that is then true cuts nodes by "min" and "max", and makes "share"s by divisors off 0.
     """
+    # what is defined everywhere needs no narrower operands
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch
     cuts, nonzero = defaultdict[Node, list[tuple[str, Node]]](list), set[Node]()  # what is not 0
@@ -76,6 +77,7 @@ def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
         return [(a, "min", b), *inner]
     if is_constant(a):
         return [] if _is_length(b) and a.value <= 0 else [(b, "max", a)]
+    # both differences, as a branch may have either
     return [(make("sub", b, a), "max", ZERO), (make("sub", a, b), "min", ZERO)]
 
 

@@ -59,6 +59,7 @@ def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[
     except TypeError:
         raise ValueError(f"{expected}, got a function of {signature}") from None
     for i, (wanted, given) in enumerate(zip(takes, places, strict=False)):
+        # a name that means something else or, where an input or a time stands, one of a state or with a default
         other = given.name in KNOWN_NAMES or (
             i >= len(first) and (given.name in STATE_NAMES or given.default is not given.empty)
         )

@@ -86,6 +86,7 @@ def _sub(make: Make, a: Any, b: Any) -> Any:
 def _mul(make: Make, a: Any, b: Any) -> Any:
     """a b: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2."""
     for one, other in ((a, b), (b, a)):
+        # only where the other one cannot be undefined: 0 log(x) stays
         if is_constant(one, 0.0) and other.total:
             return make(value=0.0)
         if is_constant(one, 1.0):

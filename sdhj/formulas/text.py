@@ -98,6 +98,7 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
     if op == "power" and not abs(value := int(words.pop())) <= MOST_EXPONENT:
         raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
     operands = tuple(nodes[_index(word, len(nodes))] for word in words)
+    # kernels compute "and" as a product and "or" as a maximum, which is right of 0 and 1 alone
     if not all(one.truth for one in operands[: RULES[op].truths]):
         raise ValueError(f"{op} needs truth values")
     return interned(op, operands, value)

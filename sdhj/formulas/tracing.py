@@ -79,6 +79,7 @@ def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
+        # by position a dtype stands behind the shape, of np.full behind the value
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         # a guess: an array with a length of `rows`, the number of points, is for their values
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
@@ -132,6 +133,7 @@ def _numpy(rows: int) -> _Replaced:
     """The stand-in for the module numpy in the trace under way, of a function called with `rows` points."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
+    # made anew for each trace: what makes arrays has to know the trace and its number of points
     new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
     new |= {name: _allocating(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _repeating(getattr(np, name), rows, state.trace) for name in ("tile", "repeat", "broadcast_to")}

@@ -29,6 +29,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
         )
     places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
+    # a function of t alone, whose first parameter is no state: only bounds may be one
     if (
         name == "bounds"
         and [p.name for p in places if p.name in KNOWN_NAMES or p.default is p.empty] == ["t"]

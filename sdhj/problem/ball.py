@@ -73,6 +73,7 @@ class Ball:
 
     def gain(self, given: Any) -> Any:
         """The gain of the K components along the sides, given @ `directions`, or a function's answer so."""
+        # `Dynamics` asks for this method, and for `velocity`, by the name of the field that it replaces
         if isinstance(given, BlackBox):
             raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
         if callable(given):
@@ -95,6 +96,7 @@ class Ball:
 
         def most(*found: Any) -> Any:
             far = radius(*found)
+            # of the shape of `far`, also where that is traced
             return np.stack([far, 0.0 * far + np.pi / 2], axis=-1)
 
         return velocity, wraps(radius)(most)

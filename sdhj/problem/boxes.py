@@ -44,6 +44,7 @@ def intervals(nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: st
         between[..., 1] = np.minimum(between[..., 1], between[..., 0] + nodes)
     weight = np.stack([t, bend], axis=-1).astype(dtype)
     point = np.array([low == high for low, high in spans])
+    # in the order of `taps`, `weight`, `between` and `point` in `Leaves`, by which `_leaves` takes them apart
     return taps % nodes if periodic else np.clip(taps, 0, nodes - 1), weight, between, point
 
 

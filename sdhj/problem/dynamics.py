@@ -138,6 +138,7 @@ class Dynamics(ReadOnly):
             if parts is None:
                 if self._polar is not None:
                     found = self._polar.read(ndim)
+                    # so that `compare` compares the functions that were read, and not those of the sides
                     self._parts.clear()
                     self._parts.update(self._polar._parts)
                     return found

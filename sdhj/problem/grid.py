@@ -204,6 +204,7 @@ class Grid(Remembering):
         >>> sdhj.Grid([0.0, -1.0], [1.0, 1.0], [6, 5]).subgrid([1]).shape
         (5,)
         """
+        # one object for the same axes, as what is found of a grid is remembered with it
         known: dict[tuple[int, ...], Grid] = self.remembered("subgrids", dict)
         if (key := tuple(axes)) not in known:
             each: tuple[Any, ...] = self.lower, self.upper, self.shape, self.periodic, self.names, self.ends
@@ -243,7 +244,7 @@ class Grid(Remembering):
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim), also traced, with periodic coordinates wrapped into [lower, upper): new."""
+        """Points (M, ndim), also traced, with periodic coordinates wrapped into [lower, upper); else the same array."""
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):
@@ -297,6 +298,7 @@ class Grid(Remembering):
         if fates not in (cache := self.remembered("faces", dict)):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
+            # infinite elsewhere, so that nothing is ever past such an end
             low = np.where(low, self.lower + past[0], -np.inf)
             cache[fates] = read_only((low, np.where(high, self.upper - past[1], np.inf)))
         return cache[fates]

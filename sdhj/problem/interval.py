@@ -166,6 +166,7 @@ class Interval(ReadOnly):
             moves.append(self.delta * self.drift(states, j, begin))
             halfway = self.grid.clipped(states + moves[-1] / 2)
             later.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
+        # of both `displacement_sets` makes the path without an adversary: the first is a, the difference is b
         return np.stack(moves, axis=1), np.stack(later, axis=1)
 
     def reachable_boxes(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -393,6 +394,7 @@ class Interval(ReadOnly):
         read = [axis for axis in seen if formula.reads[0, axis]]
         if not read:
             return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
+        # on the axes that it reads alone: a function of one coordinate is evaluated at the nodes of one axis
         grid, some = self.grid.subgrid(read), formula.restricted(read)
         values = np.concatenate([some(points, t) for points in grid.pieces()]).reshape(grid.shape)
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])

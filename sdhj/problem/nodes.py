@@ -137,6 +137,7 @@ def _largest_change_nearby(values: FloatArray, axis: int) -> FloatArray:
     change = np.maximum(
         change.take([0, *range(change.shape[axis])], axis), change.take([*range(change.shape[axis]), -1], axis)
     )
+    # half of this, added up over the axes, is what `least_in_cells` takes off at a point
     for other in set(range(values.ndim)) - {axis}:
         last = values.shape[other] - 1
         shifted = (np.clip(np.arange(last + 1) + by, 0, last) for by in (-1, 0, 1))

@@ -177,6 +177,7 @@ class ReachAvoidProblem(Remembering):
         except (TypeError, ValueError) as error:
             raise ValueError(f"recipe must be a mapping that can be written as JSON, or left out: {error}") from None
         target: Any = self.target
+        # the one object, as `has_no_target` asks for identity
         if target is None:
             object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.grid, Grid):

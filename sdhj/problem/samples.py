@@ -54,6 +54,7 @@ class Samples:
         if not padding.any():
             return self
 
+        # past a safe end the user's functions may say anything, and games are played on the nodes there
         def as_at_the_end(unsafe_set: UnsafeSet) -> UnsafeSet:
             ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(

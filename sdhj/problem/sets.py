@@ -308,6 +308,7 @@ class UnsafeSet(LevelSet):
         >>> sdhj.UnsafeSet.disk([0, 0], radius=0.5).level_set([[0.3, 0.4], [0.6, 0.8]], 0.0).round(3)
         array([0. , 0.5])
         """
+        # a point, whose radius is that of the disk
         body = Body(np.array([pair(f"centre of {name!r}", centre)]), radius, pose)
         return cls._of(body.parts, body, axes, footprint, name)
 

@@ -240,6 +240,7 @@ class VectorField(Remembering):
         known: dict[int, FloatArray] = self.remembered("bounds", dict)
         if j in known:
             return known[j].copy()
+        # at one state, as bounds depend on none: `Dynamics.read` puts such into the gain
         bounds = self.functions_by_input["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")

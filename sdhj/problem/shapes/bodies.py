@@ -133,6 +133,7 @@ class Body:
         """The convex parts of all that is outside of a polygon: those of the box around it, and what is beyond."""
         shape = outline(self.vertices)
         left, low, right, high = shape.bounds
+        # half-planes have no corner, so they can only be the second part of `clearance`
         sides = [
             half_plane(UNIT[0], right),
             half_plane(-UNIT[0], -left),
@@ -238,6 +239,7 @@ def body_level_set(
 ) -> Callable[[FloatArray, float], FloatArray]:
     """The level-set function of states in which a robot meets `parts` of an obstacle, or of what is outside."""
 
+    # called once, traced (`Formula.read`): nothing in it may hang on values
     def level_set(points: FloatArray, t: float) -> FloatArray:
         place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
         for body in robot:
@@ -314,6 +316,7 @@ def map_body_level_set(
     """The level-set function of a robot, covered by disks, that must not touch what a map at `origin` has."""
     disks = [(body, covering_disks(body, tolerance)) for body in robot]
 
+    # likewise; each disk looks the map up once more, so the formula grows with their number
     def level_set(points: FloatArray, t: float) -> FloatArray:
         found = list[Any]()
         for body, some in disks:

@@ -227,6 +227,7 @@ def bytes_of_file(path: Path, most: int) -> bytes:
 
 def require_memory_for_map(width: int, height: int) -> None:
     """Refuse a map that is too large, by its width and height in pixels, before it is read."""
+    # a number for each corner, middle of an edge and centre of a pixel, as `distances_at_nodes` makes them
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:
         raise ValueError(
