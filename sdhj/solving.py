@@ -38,6 +38,7 @@ def method_of(method: str | Method) -> Method:
     if isinstance(method, str) and method in METHODS:
         made: Method = METHODS[method]()
         return made
+    # a class, as sdhj.HJI without its brackets, has a function `sets`, too
     if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
         raise ValueError(
             f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"

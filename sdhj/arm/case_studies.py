@@ -207,6 +207,7 @@ def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem) -> bool:
     """Whether two problems are equal, up to the rounding of two machines; never with a black box."""
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs"))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
+    # the entries of the grid one by one; the inputs, which NumPy computes, are compared up to rounding below
     same = same and len({repr(each.numbers | each.numbers["grid"] | drop) for each in (one, other)}) == 1
     if not same or other.opaque or not near(one.inputs, other.inputs):
         return False
@@ -225,6 +226,7 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
     """The recipe, if its builder and the names of its arguments are those of this version."""
     builder = recipe.get("builder") if isinstance(recipe, Mapping) else None
+    # names of another version are refused: a default in their place would build another problem
     if builder not in BUILDERS or set(recipe["arguments"]) != set(inspect.signature(BUILDERS[builder]).parameters):
         raise ValueError(
             f"a recipe must be {{'builder': one of {', '.join(BUILDERS)}, 'arguments': all that it takes in this "
@@ -278,6 +280,7 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
         arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
         obstacles=tuple(Disk.of(disk) for disk in given["obstacles"]),
         agent=agent,
+        # both have the agent's name in a recipe, by which `_agent` tells the two case studies apart
         agent_radius=given[f"{agent}_radius"],
         agent_box=given[f"{agent}_box"],
         target=Disk.of(given["target"]) if agent == "pursuer" else None,

@@ -194,6 +194,7 @@ class Disk:
         """A Disk, also from a dictionary of `describe`."""
         if isinstance(disk, cls):
             return disk
+        # what `describe` has made: recipes of files come back here
         try:
             path = dict(disk["path"])  # type: ignore[index]
             kind = path.pop("kind")

@@ -95,6 +95,7 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
         low, high = grid.lower[axis], grid.upper[axis]
         if not np.isfinite(state[axis]) or not (grid.periodic[axis] or low <= state[axis] <= high):
             raise ValueError(f"through must have {grid.names[axis]} in [{low:g}, {high:g}], got {state[axis]:g}")
+    # with the upper end also of a periodic axis, so that what is drawn closes there
     x, y = (np.linspace(grid.lower[axis], grid.upper[axis], resolution) for axis in (first, second))
     points = np.tile(state, (len(x) * len(y), 1))
     points[:, first] = np.tile(x, len(y))
@@ -202,6 +203,7 @@ def draw_constraints(
     where = plane(problem.grid, through, axes, resolution)
     for i, part in enumerate(problem.all_sets):
         if parts is None or part.name in parts:
+            # the step may be a fraction, as an animation draws between sampling times
             draw_set(ax, where, where.true(part, step * problem.delta), look(part.name), part.name, 2.0 + i)
     frame_slice(ax, problem.grid, axes)
 
@@ -248,6 +250,7 @@ def draw_tubes(
     within = most if within is None else min(within, most)
     where = plane(grid, through, axes, resolution)
     colours = step_colours(table.steps)
+    # the largest first, each smaller one above it
     for n in range(within, -1, -1):
         values = where.of(grid, table.values(start=start, within=n))
         looks = {"facecolor": colours[n], "edgecolor": "#333333", "linewidth": 0.45}

@@ -79,6 +79,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
         self.observation_space = gymnasium.spaces.Box(self.low, self.high, dtype=np.float64)
         self.action_space = gymnasium.spaces.Discrete(len(table.problem.inputs))
+        # over, so that `step` refuses until `reset` has begun a run
         self.table, self.now, self.outcome = table, 0, "late"
 
     def reset(
@@ -137,6 +138,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}
         each = np.arange(len(mask))
+        # each input is asked about as the wanted one: those that the filter leaves as they are may be applied
         told = self.controller.filter(np.repeat(self.runs.predictions, len(mask), axis=0), self.now, each, first=True)
         mask[:] = ~told.changed
         return {"outcome": "", "action_mask": mask, "promised": bool(told.promised[0])}

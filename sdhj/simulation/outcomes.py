@@ -154,6 +154,7 @@ def _least_between(
     if halvings and left.size:
         half = moved[left] / 2
         out[left] = problem.value_of(unsafe_set, points[left] + half, t + h / 2)
+        # where the middle is in the set already, no closer look is needed
         on = out[left] > 0.0
         left, half = left[on], half[on]
         for begin, at in ((points[left], t), (points[left] + half, t + h / 2)):

@@ -82,6 +82,7 @@ class Played:
         low, high = self.interval
         message = f"{opening}{self.lost} of {self.runs} runs lost to adversary {self.adversary}"
         message += f" ({low:.1%} to {high:.1%})"
+        # without a target all begin outside, and there is nothing to tell apart
         if self.outside < self.runs:
             message += f", {self.outside_lost} of {self.outside} from outside the target"
         ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
@@ -131,6 +132,7 @@ def _place_of_failure(table: Table, state: FloatArray, t: float, met: bool, j: i
     if met:
         inside = grid.clipped(state[None], "frees")
         some = [part for part in problem.unsafe if part.counts(j)]
+        # of several the one that it is deepest in
         return min(some, key=lambda part: float(problem.value_of(part, inside, t)[0])).name
     low, high = grid.faces("fails")
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
@@ -190,6 +192,7 @@ def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
     found = _played(controller, admissible_states(controller, half, rng), play, rng)
     if found.interval[0] > ALARMING:
         tell(found.finding("of what this table promises "))
+    # without "outside", of which `Table.__repr__` would tell as of runs that begin outside a target
     counts: dict[str, Any] = {"runs": found.runs, "lost": found.lost, "boundary": 0, "boundary_lost": 0}
     ways = Counter(found.ways)
     if len(starts := states_beside_boundary(table, half, rng)):
@@ -209,5 +212,6 @@ def states_beside_boundary(table: Table, count: int, rng: np.random.Generator) -
     out, within = np.zeros(len(states), np.bool_), np.full(len(states), steps)
     for cell in np.diag(grid.spacing):
         for moved in (states - cell, states + cell):
+            # an unsafe end is a boundary of the tube, too
             out |= (table.values_at(moved[:, None], 0, within)[:, 0] > 0) | grid.beyond(moved, "fails")
     return states[out][:count]

@@ -174,6 +174,7 @@ def bounds_from_records(
 
 def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
     """The largest push of each record, (n, D), at least 0, of pushes (rows, D) that are -inf where none is told."""
+    # the samples of all records lie one behind the other, in the order of `counts`
     peaks = np.maximum.reduceat(pushes, np.cumsum([0, *counts[:-1]]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
         raise ValueError(
@@ -190,6 +191,7 @@ def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
     """
     count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
     low, high = 0.0, 1.0
+    # of no more records than quantities nothing can be said: 1
     for _ in range(BISECTIONS if count > quantities else 0):
         eps = (low + high) / 2
         tail = sum(comb(count, i) * eps**i * (1 - eps) ** (count - i) for i in range(quantities))
@@ -212,6 +214,7 @@ def _measured(
     if rest is not None:
         still = _record("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
         off = _difference(problem, still, still[:1])
+        # half of what each coordinate ranges over, as nobody knows where the robot stood
         return tables, (_upper_bounds(off, miss / 2) + _upper_bounds(-off, miss / 2)) / 2
     return tables, np.zeros(ndim) + np.array(Sensing(error).error)
 

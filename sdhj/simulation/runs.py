@@ -328,6 +328,7 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
     """The number of steps to simulate with the tubes of step 0; None: the table's steps in order."""
     table = controller.table
     if steps is None and table.details.get("endless") and not controller.depends_on_time:
+        # a table that holds for ever has no last step at which a run would be over
         return FOREVER_PLAYED if table.problem.has_no_target else table.steps
     if steps is not None and controller.depends_on_time:
         raise ValueError(f"steps must be left out: as time matters, runs follow the table's {table.steps} steps")

@@ -129,6 +129,7 @@ class Runs:
         """What the adversary sees of the runs `rows` (R,) when their interval begins."""
         step, table = 0 if self.first_tubes_only else number, self.controller.table
         every = self.controller.all_left or not self.controller_chooses
+        # who may use all the steps left is judged by the tube of these, not by that of the fewest
         left: FloatArray | None = np.full(len(rows), table.steps - step - 1) if every else None
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 

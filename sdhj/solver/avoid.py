@@ -38,6 +38,7 @@ def dangers(samples: Samples) -> list[Danger]:
         axes = samples.avoid_axes(unsafe_set.axes)
         moves = samples.problem.moves(unsafe_set)
         found.append(Danger(axes, moves, samples, unsafe_set, axes, (slice(None),) * len(axes)))
+    # the unsafe ends of an axis are one danger, the lower and the upper one together
     unsafe = np.isfinite(samples.grid.faces("fails")).any(axis=0)
     return found + [_ends_as_danger(samples, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
@@ -51,6 +52,7 @@ def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> Fl
         games.avoid(danger.unsafe_set, step, out)
     else:  # games of users
         out[...] = games.avoid(danger.unsafe_set, step)
+    # never above 0, so a set is nothing to avoid under these
     out[~danger.unsafe_set.counts(np.arange(len(out)))] = -np.inf
     return out[(slice(None), *danger.inside)]
 

@@ -118,6 +118,7 @@ class Folder:
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if size <= SCRATCH:
             return np.empty(shape, dtype)
+        # the file has no name, and is gone as soon as nobody has the array
         with tempfile.TemporaryFile(dir=self.path) as stream:
             stream.truncate(size)
             return np.asarray(np.memmap(stream, dtype, "r+", shape=tuple(shape)))
@@ -154,6 +155,7 @@ class Folder:
     def avoid_tubes(self) -> AvoidTubes:
         """The avoid tubes of all steps, mapped."""
         parts = self.parts
+        # static before moving, in the order of `GridParts.axes`, as `AvoidTubes` takes them
         static, moving = (
             np.asarray(np.memmap(self.file(name), parts.kind(name), "r", container.HEADER, parts.shape(name)))
             for name in parts.axes
@@ -166,6 +168,7 @@ class Folder:
         """What the mark of a part tells; None if it is not complete."""
         try:
             found = json.loads((self.path / DONE / part.name).read_text())
+            # a mark that was changed could name a place that the file of tubes does not have
             if part.kind not in self.parts.axes and not 0 <= found["place"] < self.parts.shape("tubes")[0]:
                 raise ValueError
             return dict(found)
@@ -320,6 +323,7 @@ class Folder:
         return self.tube(place)
 
     def table(self, index: FloatArray, details: Mapping[str, Any]) -> LookupTable:
+        # after `closed_up`, which has left as many tubes as the index names, without gaps
         """The table with this index and these details, whose arrays are mapped."""
         parts, stored = self.parts, int(index.max()) + 1
         tubes, marks = (
@@ -447,6 +451,7 @@ def alone_in(path: Path) -> Iterator[bool]:
         return
     with stream:
         if fcntl is not None:
+            # of begun.json itself, so that the lock ends with the process, and with the solve
             fcntl.flock(stream, fcntl.LOCK_EX)
         yield not (path / container.HEAD).exists()
 
@@ -514,6 +519,7 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
     if there:
         check_begun(found, sets)
     said = why_large(problem, found.parts.dtype)
+    # before the folder is made: what does not fit leaves nothing behind
     require_memory(needed := bytes_of_entry(found.parts), "an entry of this solve", said)
     for name, one in (client.scheduler_info()["workers"] if client is not None else {}).items():
         if 0 < (limit := one.get("memory_limit") or 0) < needed:

@@ -63,6 +63,7 @@ def check_resolution(samples: Samples, most: float = math.inf) -> None:
     problem = samples.problem
     check_seams(problem)
     for unsafe_set in problem.unsafe:
+        # with sampling="cell" no part can hide: nodes have the least value of the cells around them
         if unsafe_set.sampling != "cell" and problem.grid.subgrid(unsafe_set.axes).size <= most:
             each = (_hidden(samples, unsafe_set, t) for t in _times(problem, unsafe_set.moving, TIMES))
             tell(next(filter(None, each), None))
@@ -175,6 +176,7 @@ def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
 def check_seams(problem: ReachAvoidProblem) -> None:
     """Warn of sets that are cut off, and of velocities that jump, where a periodic axis closes."""
     count = min(problem.most_steps, SPANS) + 1
+    # of each set the first finding in time is told
     for part in problem.all_sets:
         each = (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving, count))
         tell(next(filter(None, each), None))
@@ -300,6 +302,7 @@ def _angle_findings(problem: ReachAvoidProblem, states: FloatArray, axis: int) -
             "if it is in degrees, convert it by np.deg2rad where it enters a sine or cosine",
         )
     for unit, turn in TURNS.items():
+        # an axis whose last node is left out, as it is the first one again, is short by a spacing
         if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, states, axis, turn):
             continue
         if grid.ends_not_given and not grid.periodic[axis]:
@@ -419,6 +422,7 @@ def target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -
     Only as many states are looked at as have `MOST_CORNERS` numbers.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
+    # at corners alone: what lies between them is not looked at, so it may be True too often
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
     low, high = problem.interval(0).reachable_boxes(states)
     ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])
@@ -524,6 +528,7 @@ def _neighbouring_pairs(
     is nearer to both than they are to each other (the relative neighbourhood graph, Toussaint 1980).
     """
     distances = np.sqrt(((displacements[:, :, None] - displacements[:, None]) ** 2).sum(axis=3))
+    # each pair once, and none of equal displacements
     far = np.triu(distances > 0)
     for third in range(displacements.shape[1]):
         far &= np.maximum(distances[:, :, third, None], distances[:, None, third]) >= distances * (1 - 1e-9)

@@ -105,6 +105,7 @@ def united(pieces: Sequence[FloatArray], axes: Sequence[Axes], out: FloatArray) 
     for j, total in enumerate(out):
         lengths = ([n if axis in keep else 1 for axis, n in enumerate(total.shape)] for keep in axes)
         first, *others = (piece[j].reshape(one) for piece, one in zip(pieces, lengths, strict=True))
+        # of one piece there is no minimum to take
         if not others:
             total[...] = first
         for other in others:
@@ -298,6 +299,7 @@ class HJIGames(_OnAxes):
         if self.shifted:
             yield from self._shifts(values, step)
         else:
+            # without the padding, as `InputRows` has the nodes of the problem's grid
             inner, inputs = self.grid.inner, range(self.count) if some is None else some
             yield from in_eights((j, self._evolve(values, j, step)[inner]) for j in inputs)
 
@@ -326,6 +328,7 @@ class HJIGames(_OnAxes):
         """Phi_j at the begin of the interval from a step, by the HJI equation of game 3."""
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
+        # where they depend on time; else `evolve` counts the time steps of this input by itself
         steps = self.steps(self.axes, step) if callable(velocities) else None
         given = self.grid, values, velocities, self.duration, self.scheme
         if self.early:
@@ -356,6 +359,7 @@ class HJIGames(_OnAxes):
             return
         grid, steps = self.samples.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         least = self.obstacle_at(obstacle, step, steps)
+        # of the interval's end, tau = 0, from which the PDE begins
         first = least(0.0) if callable(least) else least
         for j, tube in enumerate(out):
             self.solved += 1
@@ -464,6 +468,7 @@ class HopfLaxGames(_OnAxes):
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """Maxima of `values` over the set that each input leads to."""
         interval, axes = self.samples.interval(step), list(self.axes)
+        # at one time: a reach set asks where a state is at the interval's end
         moved = self._kept_for_interval(
             interval, "reach", lambda: self._displacement_sets(interval, axes, [self.duration])
         )

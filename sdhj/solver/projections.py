@@ -133,6 +133,7 @@ class ProjectedGames:
         pieces, end = list[FloatArray](), 0
         whole = tuple(n - low - high for n, (low, high) in zip(grid.shape, grid.padding, strict=True))
         shapes = [(count, *(whole[axis] for axis in axes)) for axes in self.subspaces]
+        # with what `add_inputs` may read behind the last piece
         flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
         for axes, shape in zip(self.subspaces, shapes, strict=True):
             begin, end = end, end + math.prod(shape)
@@ -211,6 +212,7 @@ class ProjectedSets(GridSets):
         """As `GridSets.begin`; also write the entries (k, 0), which `look_over` projects."""
         super().begin()
         self.goals: dict[int, int] = {}
+        # written first, as `look_over` projects them; `recursion` then calls `write_goal`, which only moves them
         for step in self.rows_of_entries:
             super().write_goal(step)
             self.goals[step] = self.place(step, 0)
@@ -295,6 +297,7 @@ class Projected(Options):
         given: Any = self.subspaces
         given = given.tolist() if isinstance(given, np.ndarray) else given
         collection = given if isinstance(given, Sequence) else [None]
+        # numbers alone: which axes there are `checked_subspaces` asks, when there is a problem
         whole = all(
             isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
             for axes in collection
@@ -308,6 +311,7 @@ class Projected(Options):
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         """The tubes on the whole grid, by games on subspaces, filled in by `recursion`."""
+        # as the inner method's own `sets`, which would refuse it, is never called
         if isinstance(self.inner, HopfLax):
             refuse_jitter(problem)
         subspaces = checked_subspaces(problem, self.subspaces)

@@ -347,6 +347,8 @@ def bytes_of_solve(parts: GridParts) -> int:
     found = sum(math.prod(parts.shape(name)) * parts.kind(name).itemsize for name in ARRAYS)
     most, padded = 0, parts.samples.padded
     for name, some in parts.dangers.items():
+        # what `write_avoid` makes beside the arrays of the table: one danger's tubes, and the sum of all before it is
+        # cut
         direct = [one.axes == parts.axes[name] and one.samples is padded for one in some]
         for number, one in enumerate(some):
             grid, wide = one.samples.grid, padded.grid.subgrid(parts.axes[name]).size
@@ -383,6 +385,7 @@ class GridSets:
         """Make the arrays and solve the avoid games; warns of what the grid does not resolve, and of sets never met."""
         parts, problem = self.parts, self.problem
         shapes = {name: parts.shape(name) for name in ARRAYS}
+        # before any array is made
         require_memory(bytes_of_solve(parts), "this solve", why_large(problem, parts.dtype))
         check_resolution(parts.samples)
         met, avoid = set[int](), dict[str, FloatArray]()
@@ -492,6 +495,7 @@ def why_large(problem: ReachAvoidProblem, dtype: str) -> str:
     why = f" (N (N + 1) / 2 in place of N = {steps:,}, because {depends} on time)" if moving else ""
     tubes = steps * (steps + 1) // 2 if moving else steps
     remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
+    # the end of what `require_memory` says, and of what `opened` says of a worker
     return (
         f"it has {tubes:,} tubes{why} of {problem.grid.size:,} nodes for {len(problem.inputs)} inputs; use {remedies}, "
         "or store='folder', which keeps the table on disk"

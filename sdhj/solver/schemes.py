@@ -104,6 +104,7 @@ class Scheme(Options):
         for name, allowed in OPTIONS.items():
             option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
+        # truth values and durations are numbers to Python and NumPy
         real = isinstance(cfl, int | float | np.integer | np.floating) and not isinstance(cfl, bool | np.timedelta64)
         if not real or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")

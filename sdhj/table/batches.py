@@ -135,6 +135,7 @@ class Table(ReadOnly):
     def __repr__(self) -> str:
         problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
         lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
+        # `check_by_runs` has put them there, under these names only where there is a target
         if counts and counts.get("outside", counts["runs"]) < counts["runs"]:
             lost += f", {counts['outside_lost']} of {counts['outside']} from outside the target"
         return (
@@ -244,6 +245,7 @@ class Table(ReadOnly):
         """
         points = points_array("points", np.atleast_2d(real_array("points", points)), self.grid.ndim)
         start, within = self.clipped(start, within)
+        # an infinite coordinate is off the grid, and in no tube
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
         found = self._inside(points, start, within)
@@ -404,6 +406,7 @@ class Table(ReadOnly):
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still = np.zeros((len(points), problem.dynamics.disturbance_dim))
+        # with jitter an interval may be shorter, too (`Sensing.hold`)
         longest, early = problem.sensing.hold(problem.delta)
         for length in sorted({longest, longest - early}):
             states = points

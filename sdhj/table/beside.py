@@ -104,6 +104,7 @@ def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
 
 def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
     """What is wanted for `count` states, as commands (count, m), and as indices if these were given."""
+    # by shape and type alone: whole numbers, one for each state, are indices also where an input has one component
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")

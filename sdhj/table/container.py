@@ -60,6 +60,7 @@ class Stated(NamedTuple):
         """The entry of an array in the head, checked."""
         kind, shape, packed = entry["dtype"], entry["shape"], entry.get("packed")
         size = [*shape, *(packed[:1] if packed else [])]
+        # before anything is made of it, as a file may state any size
         whole = all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n <= MOST_BYTES for n in size)
         texts = [entry["sha256"], *(packed[1:] if packed else ["0" * 64])]
         digests = len(texts) == 2 and all(isinstance(one, str) and re.fullmatch("[0-9a-f]{64}", one) for one in texts)
@@ -216,6 +217,7 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
         how = (size, sha256(*packed)) if compress else None
         pieces[name], checks[name] = packed if compress else every, crc
         stated[name] = Stated(kind, shape, found.hexdigest(), how)
+    # known only now that all are packed: a reader would refuse what was packed so closely
     if compress and not believed(stated):
         return write_zip(out, head, arrays, compress=False)
     text = head_text(head, stated)
@@ -253,6 +255,7 @@ def stated_in(folder: Path, shapes: Mapping[str, tuple[str, Sequence[int]]]) -> 
     for name, (kind, shape) in sorted(shapes.items()):
         begin_array(folder, name, kind, shape)
         with open(folder / file_name(name), "r+b") as stream:
+            # on the disk before the head, with which the folder is complete
             os.fsync(stream.fileno())
             found[name] = Stated(kind, tuple(map(int, shape)), hashlib.file_digest(stream, "sha256").hexdigest())
     return found
@@ -324,6 +327,7 @@ class Contents:
         if one.packed:
             if sha256(part) != one.packed[1]:
                 raise Damaged(f"its array {name} is not what was written")
+            # one byte more than is stated, at most: a small file may unpack to any size
             unpacker, data = zlib.decompressobj(-15), b""
             with suppress(zlib.error):
                 data = unpacker.decompress(part, one.size + 1)

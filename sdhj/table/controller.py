@@ -334,6 +334,7 @@ class Controller:
     def _explain(self, states: FloatArray, step: int) -> str:
         """Why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
+        # the first that holds is said: an unsafe set before the end of the grid
         if self.problem.surely_in_no_tube(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "fails", "holds")[0]:
@@ -677,6 +678,7 @@ class Controller:
     def scores(self, candidates: Candidates) -> FloatArray:
         """The rule's score for each of P candidates: (P,)."""
         if callable(self.rule):
+            # with read-only arrays, as a user's function could write to them
             answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))
         else:
             answer = RULES[self.rule](candidates)

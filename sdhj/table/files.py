@@ -138,6 +138,7 @@ def write_table(path: Named, table: Table, arrays: Mapping[str, FloatArray], com
     if not isinstance(compress, bool):
         raise ValueError(f"compress must be True or False, got {reprlib.repr(compress)}")
     about = make_head(table.problem, table.method, table.details, table.problem.digest)
+    # black boxes are called here: a file keeps some of their values
     arrays = dict(arrays) | arrays_of(table.problem)
     try:
         with replaced_whole(path) as temporary, open(temporary, "wb") as out:
@@ -182,6 +183,7 @@ def read_array(file: Contents, name: str, kinds: str, shape: Lengths | None, mos
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {one.kind} of {one.shape}")
     if most is not None and one.nbytes > most:
         raise ValueError(f"its array {name} has {one.nbytes:,} bytes, and at most {most:,} are read")
+    # only now it is read, or unpacked
     return file.array(name)
 
 
@@ -280,6 +282,7 @@ def arrays_in(file: Contents) -> dict[str, FloatArray]:
     """The arrays of formulas and of black boxes in a file, by names such as "tables/0"."""
     found: dict[str, FloatArray] = {}
     for group in ("tables/", "opaque/"):
+        # together they may take as much as the tables of a problem
         left = MOST_TABLES
         for name in (one for one in file.stated if one.startswith(group)):
             found[name] = read_array(file, name, "float64", None, left)
@@ -336,6 +339,7 @@ def table_in(
 ) -> Any:
     """The table of a class in an open file; errors as from `sdhj.load`."""
     require_entries(head, file)
+    # what was packed lies in memory, so there is no file as which the table could be pickled
     packed = any(one.packed for one in file.stated.values())
     fields = {"player": player, "mapped_from": None if packed else Origin(file.path, file.sha256)}
     return kind.read(head, file, problem_of_file(path, head, arrays_in(file), problem), **fields)

@@ -283,6 +283,7 @@ class LookupTable(Table):
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
             raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")
+        # as many tubes as the index names: a number beyond the file's is refused by the shape below
         most = int(index.max()) + 1
         if index.min() < 0:
             raise ValueError("its index points before the first tube")
