@@ -39,7 +39,7 @@ import sdhj
 
 HERE = Path(__file__).parent
 if __name__ == "__main__":
-    sys.path[1:1] = [str(HERE / "lib"), str(HERE.parent / "figures" / "studies")]  # as pytest has it
+    sys.path.insert(1, str(HERE / "lib"))  # as pytest has it
 
 from digest_cases import CASES, Case  # noqa: E402
 

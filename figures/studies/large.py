@@ -12,12 +12,10 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import click
-import judge
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -30,8 +28,11 @@ from sdhj.plotting.looks import writable_picture
 from sdhj.table.batches import Table
 
 sys.path.append(str(Path(__file__).parents[1]))  # the scripts are no package to install
+sys.path.append(str(Path(__file__).parents[2] / "tests" / "lib"))  # where the judge and robots are
 
+import judge
 from fig13_comparison import comparison_legend, draw_comparison, kept_share
+from fleet import ArmPursued, confined
 
 Velocity = Callable[[FloatArray, FloatArray, FloatArray, float], FloatArray]  # (states, inputs (M, m), signs, t)
 Level = Callable[[FloatArray, float], FloatArray]
@@ -70,11 +71,6 @@ class Worked:
 def distance(points: FloatArray, centre: Any) -> Any:
     """Of points (M, n) from a place: n coordinates, numbers or (M,)."""
     return reduce(np.hypot, (points[:, axis] - x for axis, x in enumerate(centre)))
-
-
-def confined(places: FloatArray, velocity: FloatArray, box: float) -> FloatArray:
-    """The velocity (M, 2) of a pursuer that cannot pass the walls of its box: it stops 10 ms before them."""
-    return np.where(np.abs(places + 0.01 * velocity) > box, 0.0, velocity)
 
 
 # ---- a car, a pursuer and a disk that crosses its way: (x, y, heading, px, py)
@@ -122,100 +118,6 @@ def car_unsafe(q: FloatArray, t: float) -> FloatArray:
 def car_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
     ahead = left * np.column_stack([np.cos(q[:, 2]), np.sin(q[:, 2])])
     return np.sign(q[:, :2] + ahead - q[:, 3:])
-
-
-# ---- arms of some links with some pursuers: (q1, ..., then px and py of each)
-
-REACH, BOX, CATCH, TIP, TIP_RADIUS = 0.3, 0.36, 0.05, (0.05, 0.2), 0.08
-POST, POST_RADIUS = (-0.2, 0.1), 0.07
-
-
-@dataclass(frozen=True)
-class ArmPursued:
-    """The functions of an arm; its links are REACH long together."""
-
-    links: int
-    pursuers: int
-
-    @property
-    def might(self) -> FloatArray:
-        """Of the adversary, rad/s and m/s."""
-        return np.array([0.3] * self.links + [0.2] * 2 * self.pursuers)
-
-    def agents(self, q: FloatArray) -> list[tuple[Any, Any]]:
-        """Where the pursuers are."""
-        return [(q[:, axis], q[:, axis + 1]) for axis in range(self.links, self.links + 2 * self.pursuers, 2)]
-
-    def joints(self, q: FloatArray) -> list[tuple[Any, Any]]:
-        """Base, elbows and tip of states (M, >= links)."""
-        found, angle = [(0.0 * q[:, 0], 0.0 * q[:, 0])], 0.0
-        for joint in range(self.links):
-            angle, (x, y), link = angle + q[:, joint], found[-1], REACH / self.links
-            found.append((x + link * np.cos(angle), y + link * np.sin(angle)))
-        return found
-
-    def clear_of(self, q: FloatArray, x: Any, y: Any) -> Any:
-        """Distance (M,) of the links from a point, or from one for each state."""
-        gaps = []
-        for (x0, y0), (x1, y1) in pairwise(self.joints(q)):
-            along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / (REACH / self.links) ** 2
-            share = np.clip(along, 0.0, 1.0)
-            gaps.append(np.hypot(x0 + share * (x1 - x0) - x, y0 + share * (y1 - y0) - y))
-        return reduce(np.minimum, gaps)
-
-    def target(self, q: FloatArray, t: float) -> Any:
-        x, y = self.joints(q)[-1]
-        return np.hypot(x - TIP[0], y - TIP[1]) - TIP_RADIUS
-
-    def unsafe(self, q: FloatArray, t: float) -> Any:
-        caught = reduce(np.minimum, (self.clear_of(q, *agent) for agent in self.agents(q)))
-        return np.minimum(caught - CATCH, self.clear_of(q, *POST) - POST_RADIUS)
-
-    def velocity(self, q: FloatArray, u: FloatArray, signs: FloatArray, t: float) -> FloatArray:
-        v, links = self.might * signs, self.links
-        return np.column_stack([u + v[:, :links], confined(q[:, links:], v[:, links:], BOX)])
-
-    def hunt(self, q: FloatArray, u: FloatArray, left: float) -> FloatArray:
-        later, rows = np.array(self.joints(q[:, : self.links] + left * u)[1:]), np.arange(len(q))
-        ways = []
-        for agent in self.agents(q):
-            apart = later - np.array(agent)
-            ways += list(np.sign(apart[np.argmin(np.hypot(*apart.swapaxes(0, 1)), axis=0), :, rows].T))
-        return np.column_stack([np.sign(u + 1e-9), *ways])
-
-    def problem(self, nodes: int) -> sdhj.ReachAvoidProblem:
-        links, pursuers = self.links, self.pursuers
-        levels = np.linspace(-3.0, 3.0, 3 if links > 2 else 5)
-        inputs = np.stack(np.meshgrid(*[levels] * links, indexing="ij"), axis=-1).reshape(-1, links)
-        places = [f"p{axis}{number or ''} (m)" for number in range(pursuers) for axis in "xy"]
-        low, high = [-np.pi] * links + [-BOX] * 2 * pursuers, [np.pi] * links + [BOX] * 2 * pursuers
-        grid = sdhj.Grid(
-            low,
-            high,
-            [nodes] * len(low),
-            [True] * links + [False] * 2 * pursuers,
-            [f"q{joint + 1} (rad)" for joint in range(links)] + places,
-            ["unsafe"] * links + ["wall"] * 2 * pursuers,
-        )
-        own = tuple(range(links))
-        caught = [
-            sdhj.UnsafeSet(
-                (*own, axis, axis + 1),
-                lambda q, t: self.clear_of(q, q[:, links], q[:, links + 1]) - CATCH,
-                name="pursuer",
-            )
-            for axis in range(links, len(low), 2)
-        ]
-        post = sdhj.UnsafeSet(own, lambda q, t: self.clear_of(q, *POST) - POST_RADIUS, name="post")
-        return sdhj.ReachAvoidProblem(
-            grid,
-            sdhj.Dynamics(inputs, np.pad(inputs, ((0, 0), (0, 2 * pursuers))), np.eye(len(low)), self.might),
-            sdhj.TargetSet(own, self.target),
-            [*caught, post],
-            delta=0.1,
-            steps=8,
-            name=f"arm of {links} links, pursuers: {pursuers}",
-        )
 
 
 # ---- a point that accelerates in space: (x, y, z, vx, vy, vz)

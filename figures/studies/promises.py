@@ -1,13 +1,14 @@
 """How many runs are lost that a table promises to win: a fleet of robots, each judged by who shares no code with it.
 
-`python figures/studies/promises.py` solves a problem for each robot of `fleet`, draws starts uniformly from what its
-table holds, and has `judge` play them against six adversaries; a row for each robot and method, in promises.md and
-promises.csv. Robots that are to stay clear for ever are asked at step 0 throughout where that is proved, and on a grid
-for `ON_GRID` steps; the rows "filtered" are runs in which a commander drives at what is unsafe and `Controller.filter`
-lets through what it finds safe.
+`python figures/studies/promises.py` solves a problem for each robot of `tests/lib/fleet.py`, draws starts uniformly
+from what its table holds, and has `tests/lib/judge.py` play them against six adversaries; a row for each robot and
+method, in promises.md and promises.csv. Robots that are to stay clear for ever are asked at step 0 throughout where
+that is proved, and on a grid for `ON_GRID` steps; the rows "filtered" are runs in which a commander drives at what is
+unsafe and `Controller.filter` lets through what it finds safe.
 """
 
 import csv
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -18,8 +19,6 @@ from typing import Any
 
 import click
 import numpy as np
-from fleet import FLEET, Robot
-from judge import ADVERSARIES, LOST, Answer, reckless, trial
 from scipy.special import betaincinv
 
 import sdhj
@@ -28,6 +27,11 @@ from sdhj.common.remembering import FloatArray
 from sdhj.plotting.looks import writable_folder
 from sdhj.table.batches import Table
 from sdhj.table.files import replaced_whole
+
+sys.path.append(str(Path(__file__).parents[2] / "tests" / "lib"))  # where the robots and the judge are
+
+from fleet import FLEET, Robot
+from judge import ADVERSARIES, LOST, Answer, reckless, trial
 
 ROBOTS = {name: lambda build=build: build().problem() for name, build in FLEET.items()}  # of each its problem
 DRAWN = 50_000  # states among which starts are looked for, at a time

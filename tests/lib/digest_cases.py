@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import robots
 import toys
 
 import sdhj
@@ -205,8 +206,6 @@ def six() -> Any:
 
 def robot() -> Any:
     """A random robot, everything of which depends on state, input and time, beside a disk that moves."""
-    import robots  # which reads figures/studies/, of which a script has to be told first
-
     return robots.random_robot(6).problem()
 
 

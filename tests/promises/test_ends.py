@@ -1,4 +1,4 @@
-"""The ends of an axis say what they are, judged by a plant that knows no grid (`figures/studies/judge.py`)."""
+"""The ends of an axis say what they are, judged by a plant that knows no grid (`tests/lib/judge.py`)."""
 
 from dataclasses import replace
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from large import CATCH, REACH, TIP, TIP_RADIUS, WORKED, ArmPursued, judged, main, promised, row
+from fleet import CATCH, REACH, TIP, TIP_RADIUS, ArmPursued
+from large import WORKED, judged, main, promised, row
 
 import sdhj
 
