@@ -147,6 +147,7 @@ class Bounds:
             left = np.flatnonzero(~out)
             if left.size:
                 corner = np.where(upper, high[left], low[left])
+                # A corner surely outside shows that the box is not inside; without one the answer stays open.
                 out[left] = self.bounds_of_level_set(part, corner, corner, *times)[0] > 0.0
         return out
 
@@ -185,6 +186,7 @@ def _boxes_in_batches(
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other."""
     sizes = np.array([ends.size for ends in low])
+    # Padded to the most intervals of an axis, as `boxes_of_product` takes one array.
     ends = np.zeros((2, len(low), sizes.max()))
     for side, k in np.ndindex(2, len(low)):
         ends[side, k, : sizes[k]] = (low, high)[side][k]

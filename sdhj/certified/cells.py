@@ -156,6 +156,7 @@ class CellAxis:
             return self._moved_to_walls(cell, low + drift, high - drift)
         if not known or not self.periodic:
             first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
+            # One cell at least: what has no width and lies on an edge is in the cell above.
             return _whole_cells(first), _whole_cells(np.maximum(last, first))
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
         begin, end = edges[cell] + low + drift, edges[cell + 1] + high - drift
@@ -230,6 +231,7 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
     if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
         raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")
     extent = as_fraction(grid.upper[axis]) - as_fraction(grid.lower[axis])
+    # Before cells are counted, as the width that a file states may be any fraction.
     fits = 0.5 <= extent / Fraction(width) <= MOST_CELLS
     if not fits or axis_of(grid, axis, Fraction(width), (lower, upper)).count != count:
         raise ValueError(f"{reprlib.repr(count)} cells of width {reprlib.repr(width)} do not cover axis {axis}")

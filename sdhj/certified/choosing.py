@@ -203,6 +203,7 @@ def _crossings_of(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet) -> Fl
     times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
     inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
     crossed = [np.diff(inside, axis=1 + i).mean() * (n - 1) for i, n in enumerate(own.shape)]
+    # A set that no node is in counts as one of one node.
     return read_only(crossed / np.subtract(own.upper, own.lower) / max(inside.mean(), 1 / own.size))
 
 

@@ -233,6 +233,7 @@ class _Cell:
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
             return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
+        # Of several the one that may be met first.
         name = min(depths, key=lambda one: int(np.argmax(depths[one] <= 0)))
         at, deep = int(np.argmax(depths[name] <= 0)), float(depths[name].min())
         says = f"it may meet {name} from {self.cuts[at]:.4g} to {self.cuts[at + 1]:.4g} s, by up to {-deep:.3g}"
@@ -275,6 +276,7 @@ class _Cell:
         rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics
         states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (TRIED, ndim)))
         pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.disturbance_dim)) * dynamics.bounds_at(j, t)
+        # Tried at states and disturbances, to compare with what is bounded over the whole cell.
         tried = np.ptp(dynamics.velocity_at(states, j, pushes, t), axis=0)
         bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
         for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE * self.scales / self.problem.delta):

@@ -132,6 +132,7 @@ def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
         option("only", one, FIELDS)
     if not only:
         raise ValueError(f"only must name some of {', '.join(FIELDS)}")
+    # In the order of `FIELDS`, in which a word has them.
     return tuple(one for one in FIELDS if one in only)
 
 
@@ -480,7 +481,9 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
     """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`."""
     problem, grid, inputs, arrived = table.problem, table.grid, table.problem.inputs, arrived_in_c(table.problem)
     name, *axes = map(c_comment, (problem.name, *grid.names))
+    # The digest that `file_of` writes there, which C compares when it opens a table.
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
+    # 17 digits, so that each number is the same to the bit in C.
     rows = [", ".join(format(float(x), ".17g") for x in row) for row in inputs]
     lines = [
         f"/* The robot of sdhj_table.bin: {name}. Written by `sdhj export`; do not edit.",

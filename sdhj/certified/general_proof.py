@@ -193,8 +193,10 @@ class GeneralProof(Images):
         """A proof with arrays of the right size, which `prepare` fills."""
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
+        # Before any large array is made.
         require_memory(peak_bytes(problem, axes, parts), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
+        # All bits set: `prepare` only clears those of `clear` and sets those of `arrives`.
         marks = np.full(bytes_of_clear(problem, axes), 255, np.uint8), sites, np.zeros(arrives, np.uint8)
         return cls(problem, axes, parts, strides, low, high, *marks)
 
@@ -234,6 +236,7 @@ class GeneralProof(Images):
         for one in self.dangers:
             shape, counts = one.shape(self.problem, self.axes), self.counts_of(one)
             begin.append(total + min(step, shape[0] - 1) * shape[1] * shape[2])
+            # 0 along an axis that the dangers do not have: its cells share bytes.
             strides.append(_strides(counts) * (counts > 1) * shape[2])
             total += math.prod(shape)
         ndim = len(self.axes)
@@ -314,6 +317,7 @@ class GeneralProof(Images):
             )
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
+        # The dangers of this problem in their order, as bits of `clear` have no names.
         if stated["clear"] != [one.entry_in_head for one in kept_together(dangers_of(problem))]:
             raise ValueError(f"unsafe sets must be asked about on their own axes, got {stated['clear']}")
         own, clear = np.array(stated["own"], np.bool_), bytes_of_clear(problem, axes)
@@ -388,6 +392,7 @@ class GeneralProof(Images):
             for own in asked:
                 part_of_it = {*own.dangers.sets} <= {*one.sets} and {*own.dangers.ends} <= {*one.ends}
                 if part_of_it and own.dangers.axes != one.axes:
+                    # A bit for a cell of fewer axes holds for all cells of `one` that lie in it.
                     every &= own.bits.reshape(len(own.bits), *own.layout.counts.tolist(), -1)
 
     def _mark_in_words(self, asked: _Asked, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
@@ -421,6 +426,7 @@ class GeneralProof(Images):
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
         for part, boxes in enumerate(each):
+            # Only where the set moves are there several parts, which come fastest in `first`.
             some = np.arange(part, len(first), self.parts) if len(each) > 1 else np.arange(len(first))
             for alike, cells in united(boxes, lattice, first, last, some, len(axes) - 1):
                 for j in filter(unsafe_set.counts, np.unique(alike // self.parts).tolist()):
@@ -443,6 +449,7 @@ class GeneralProof(Images):
         for asked in every:
             rows = np.flatnonzero(asked.place[some] >= 0)
             if rows.size:
+                # One range, as `_asked` numbers places in ascending order.
                 first = int(asked.place[some[rows[0]]])
                 own = tubes if rows.size == some.size else np.ascontiguousarray(tubes[rows])
                 self._mark_where_met(asked, counted, start, j, (first, first + rows.size), own)
@@ -499,6 +506,7 @@ class GeneralProof(Images):
     def _sway(self) -> FloatArray:
         """About how far the disturbance and errors move a state to each side in an interval, (ndim,)."""
         grid, sensing = self.problem.grid, self.problem.sensing
+        # An estimate, which only decides how wide boxes are: what tubes hold does not rest on it.
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
@@ -554,6 +562,7 @@ class GeneralProof(Images):
         for part in self.problem.unsafe:
             if part.moving == moving and part.inputs is None:
                 others = tuple(axis for axis in range(len(self.axes)) if axis not in part.axes)
+                # Of the set's axes the cells that some cell is still asked about at.
                 some = np.asarray(out.any(axis=others))
                 out &= self.outside_cells(part, times, some)
         return out

@@ -353,6 +353,7 @@ class Images(Proof):
         grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
+            # The whole axis where velocities do not depend on it: all cells along it move alike.
             start[0, :, k] = grid.lower[k] if shift_invariant[k] else axis.edges()[own] - self.shell[k]
             start[1, :, k] = grid.upper[k] if shift_invariant[k] else axis.edges()[own + 1] + self.shell[k]
         return start
@@ -464,6 +465,7 @@ class Images(Proof):
                     out[0] = np.where(~shift_invariant & (velocity[0] >= 0.0), ends[0], out[0])
                     out[1] = np.where(~shift_invariant & (velocity[1] <= 0.0), ends[1], out[1])
                 return ends, out
+            # From what the last guess lets states reach, not from that guess.
             wider = 0.1 * (out[1] - out[0]) + self.shell
             wider_enclosure = np.where(shift_invariant, ends, out + SIDES * wider)
             if not np.isfinite(wider_enclosure).all():

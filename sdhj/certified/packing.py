@@ -71,6 +71,7 @@ class Packing:
         if self.alike:
             self._add_alike(cells, following, some, self._clear_words(step))
             return
+        # Packed along the last axis already, as tables keep sets.
         if self.axis == len(self.order) - 1:
             self._grow(cells, following, changed, some)
             return
@@ -109,8 +110,10 @@ class Packing:
             if (kind, start) not in self.words:
                 self.words[kind, start] = words_by_input(bits[start], int(counts[-1]), len(proof.problem.inputs))
             words = kept[kind, start] = self.words[kind, start]
+            # By how many words rows go on along each leading axis; 0 where the dangers do not have it.
             rows = np.cumprod([1, *counts[-2:0:-1].tolist()])[::-1] * (counts[:-1] > 1) * words.shape[2]
             each.append((words.ravel(), words[0].size, [*rows[: len(counts) - 1], int(counts[-1] > 1)]))
+        # Of earlier steps nothing is kept.
         self.words = kept
         sizes = np.array([size for _, size, _ in each], np.int64)
         begin = np.cumsum([0, *(own.size for own, _, _ in each)])[:-1]
@@ -140,6 +143,7 @@ class Packing:
         if at not in self.known:
             moves, far = proof.moves(at), proof.farthest_moves[min(at, len(proof.farthest_moves) - 1)]
             some = _Swapped(proof.cells, moves, far, proof.clear_at(at))
+            # Of one step alone, as the recursion goes from step to step.
             self.known = {at: some if self.axis == len(self.order) - 1 else self._in_order(some)}
         return self.known[at]
 
@@ -162,6 +166,7 @@ class Packing:
         """The set `sets`, packed along `axis` in place of the last axis, or `back`: new."""
         counts = self.proof.cells.counts
         ends = [int(counts[self.axis]), int(counts[-1])]
+        # `last` is the axis that `sets` is packed along, `first` the one the result is.
         first, last = ends[::-1] if back else ends
         out = np.empty((len(sets) // first * last, -(-first // 64)), np.uint64)
         swap_packed(sets, first, math.prod(counts[self.axis + 1 : -1].tolist()), last, out)

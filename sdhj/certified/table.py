@@ -278,6 +278,7 @@ class CertifiedTable(Table):
     def _inputs_of_near_cells(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: (M, L)."""
         states, ndim = np.ascontiguousarray(states), len(self.axes)
+        # Room for all cells that a state may be near: two along each axis.
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
         count = cells_near(states, self.cells, self.proof.shell, rows, cells)
         out = np.zeros((len(states), len(self.problem.inputs)), np.bool_)
@@ -302,6 +303,7 @@ class CertifiedTable(Table):
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
             return np.zeros_like(among)
+        # All sets of step k + 1, of which `steps_left` - 1 picks one.
         sets = self.index[self.tube_index(step + 1, 0) : self.tube_index(step + 1, self.steps) + 1]
         return self.proof.inputs(cells, steps_left, step, sets, self.pool, among, lines)
 
@@ -371,6 +373,7 @@ class CertifiedTable(Table):
         N - start + 1 - within at nodes in no tube, without a target 0 in the tube and 1 outside.
         """
         start, within = self.clipped(start, within)
+        # Without a target only membership is asked: there is no step count to return.
         if self.problem.has_no_target:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
@@ -541,6 +544,7 @@ class CertifiedTable(Table):
 
     def looked_over(self) -> tuple[int, int]:
         """How many claims the checker has looked at, all of few and a sample of many, and how many there are."""
+        # As a file has them, so that the checker reads here what it would read there.
         arrays, given = self._arrays | arrays_of(self.problem), self.problem if self.problem.opaque else None
         looked, made, wrong = looked_over(self._head, arrays, given)
         if wrong:

@@ -162,6 +162,7 @@ def united(
         yield some, boxes
         return
     ends = np.stack([first[some, axis], last[some, axis]], axis=1)
+    # Tubes with one window along this axis share what is united along it.
     for a, b in np.unique(ends, axis=0).tolist():
         yield from united(
             _along(boxes, lattice, axis, a, b), lattice, first, last, some[(ends == [a, b]).all(axis=1)], axis - 1
@@ -175,6 +176,7 @@ def _along(boxes: FloatArray, lattice: Lattice, axis: int, first: int, last: int
         out = np.empty((*boxes.shape[:-2], -(-own.count // 64)), np.uint64)
         united_in_words(boxes.reshape(-1, *boxes.shape[-2:]), first, last, out.reshape(-1, out.shape[-1]))
         return out
+    # Each cell is its own box: nothing to unite.
     if fine == 1 and first == last == 0:
         return boxes
     before, after = math.prod(boxes.shape[:axis]), math.prod(boxes.shape[axis + 1 :])

@@ -151,6 +151,7 @@ class ArmProof(Proof):
         lines: bool,
     ) -> FloatArray:
         """As `GeneralProof.inputs`."""
+        # `lines` is not read: cells of an arm have none (`Proof.along`).
         out = among.copy()
         arm_inputs(some, steps_left, step, self.cells, self.motion, sets, pool, out)
         return out
@@ -178,6 +179,7 @@ class ArmProof(Proof):
         # in the order of steps, inputs and joints, which the checker's `Arm` reads, too
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
+        # All else is computed anew from the problem: a file has the bits of the obstacles alone.
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
 
     # ---- the recursion; sets are (n1 * n2, W) uint64
@@ -188,6 +190,7 @@ class ArmProof(Proof):
         for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
+                # Contiguous, as `pursuer_clear` is compiled once more for arrays of another layout.
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))
                 pursuer_clear(*read_only([*map(np.ascontiguousarray, moves)]), motion.arm, motion.agent, clear[j])
             else:
@@ -268,6 +271,7 @@ def clear_of_obstacles(
             # of 2^(h + 1) + 1 instants it is h
             depth=(len(times) - 1).bit_length() - 2,
             centres=np.ascontiguousarray(np.stack([disk.centre(times) for disk in stage.obstacles], axis=-2)),
+            # When the clock is off, a disk may be farther on: its radius is larger by as much.
             radii=np.array([disk.radius + stage.arm.half_width + disk.speed * jitter for disk in stage.obstacles]),
             speeds=np.array([disk.speed for disk in stage.obstacles]),
         )

@@ -155,6 +155,7 @@ def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Arr
         asked &= spread(open_, asked.shape)
         first = np.array(np.nonzero(asked)) * tiles[:, None]
         last = np.minimum(first + tiles[:, None], np.array(some.shape)[:, None]) - 1
+        # What holds of a tile's box holds of each of its cells.
         asked[asked] = ~in_slabs(holds, np.concatenate([first, last]))
         if (tiles == 1).all():
             return asked
@@ -442,6 +443,7 @@ class Argument:
                 least, most = self.value(part, one, some, times)
                 return least > 0, most <= 0
 
+            # Each function is asked only where all before it are > 0.
             left = np.flatnonzero(out)
             out[left] = everywhere(above, box[:, :, left], range(len(box[0])), depth)
         return out
@@ -629,6 +631,7 @@ class Argument:
         for axes, holds in self.questions(one, step, j, tubes):
             part_of_it = self.known | self.safe.any(axis=1)
             part_of_it[axes] = True
+            # Those still open, once for all cells that differ along other axes only.
             some = np.logical_or.reduce(asked > bad, axis=axes_of(~part_of_it), keepdims=True)
             bad |= left_open(holds, some, np.where(self.known | ~part_of_it, 1, TILE))
         return bad & asked
@@ -649,6 +652,7 @@ class Argument:
         first, last = np.split(tiles, 2)
         low, high = self.whole(first, last, tubes)[:, k]
         robot, room = self.problem, self.room[k]
+        # So near past an end counts as at it, as it does for the solver.
         return ((low >= robot.lower[k] - room) | ~self.unsafe[k, 0]) & (
             (high <= robot.upper[k] + room) | ~self.unsafe[k, 1]
         )
@@ -670,6 +674,7 @@ class Argument:
 
     def misses_in_parts(self, part: Part, cells: Array, cuts: list[float], late: float, tubes: Tubes) -> Array:
         """Whether tubes from cells (ndim, M) miss an unsafe set in each part of the interval: (M,) bool."""
+        # What has left over a safe end earlier meets nothing any more.
         good, there = np.ones(cells.shape[1], np.bool_), self.not_gone(cells, tubes)
         ends, rows = self.ends(cells, 2 * self.near), tubes.rows[self.strides @ cells]
         for number, (begin, end) in enumerate(pairwise(cuts)):
@@ -706,6 +711,7 @@ class Argument:
         A set that is unsafe under some inputs only is not asked about.
         """
         late, at = self.problem.jitter, self.time(step)
+        # Where sets are alike at all steps, a goal is proved for all times.
         times = self.always if self.alike else (at - late, at + late)
         box = self.ends(np.array(np.unravel_index(numbers, self.counts)), self.near + self.off)
         out = np.ones(len(numbers), np.bool_)
@@ -753,6 +759,7 @@ class Argument:
         if self.problem.target is not None:
             new = new & ~self.bits(step, within - 1)
         asked = new & chosen
+        # Sums of a whole set take longest: none where nothing is asked.
         all_in = partial(self.all_in, self.sums(self.bits(step + 1, within - 1)) if asked.any() else None)
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
@@ -823,6 +830,7 @@ class Argument:
             size *= b - a
         flat, counted = sums.ravel(), np.zeros(first.shape[1], np.int64)
         for corner, at in enumerate(below):
+            # Inclusion and exclusion over the corners of the box.
             counted += flat[at] * (-1) ** (first.shape[0] - corner.bit_count())
         return counted == size
 
@@ -866,6 +874,7 @@ class Argument:
         tasks = [*np.ndindex(self.low.shape[:2])]
         found = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}
         with ThreadPoolExecutor(self.together(len(tasks))) as pool:
+            # Each task counts for itself and is added up here, in one thread.
             made = pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)
             for each in bar(made, "moves", len(tasks)):
                 for name, one in each.items():

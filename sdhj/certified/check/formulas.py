@@ -230,6 +230,7 @@ class Formula:
                 given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
                 for number in self.needed:
                     node = self.nodes[number]
+                    # Operands are earlier nodes, so their values are there.
                     operands, side = [values[n] for n in node.operands], [sides[number]] if number in sides else []
                     values[number] = sure(*self.value(node, operands, low[own], high[own], given, *side))
                 for i, number in enumerate(self.results):

@@ -80,6 +80,7 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
         raise FileNotFoundError(f"no file {path}")
     try:
         arrays = Arrays(path)
+        # Before arrays are unpacked, which may be larger than the file.
         expect_room(arrays.nbytes)
         own, named = digest(arrays.head, arrays), arrays.head["digest"]
         expect(named == own, f"its head must name the problem that it describes, {own}", named)
@@ -151,6 +152,7 @@ def array(file: Arrays, name: str, kind: type, *shape: Any, most: int = MOST_BYT
     found = file.shape(name)
     same = len(found) == len(shape) and all(map(lambda n, m: n in (None, m), shape, found))
     fits = (same or shape == (...,)) and file.stated[name].size - BEFORE <= most
+    # Before anything is read, so that no array is made of what does not fit.
     expect(fits, f"{name} must be kept in the file, of shape {shape}", found)
     return file.array(name)
 
