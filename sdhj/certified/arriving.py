@@ -93,6 +93,7 @@ def arrived_in_c(problem: ReachAvoidProblem) -> list[str]:
 
 def _lines(formula: Formula, axes: Sequence[int], name: str) -> Iterator[str]:
     """Yield "name = expression" for each operation of a formula of these axes, and last the name of its value."""
+    # By node, as several operations may read one: it is computed once in C.
     names = dict[Node, str]()
     for one in ordered(formula.outputs):
         given = [names[arg] for arg in one.args]
@@ -109,6 +110,7 @@ def _lines(formula: Formula, axes: Sequence[int], name: str) -> Iterator[str]:
 
 def _number(value: float) -> str:
     """A number as C has it, in parentheses where it is negative."""
+    # `repr` has as many digits as it takes to read the same number again.
     said = (
         "(double)NAN"
         if isnan(value)
@@ -118,4 +120,5 @@ def _number(value: float) -> str:
         if value > 0
         else "-(double)INFINITY"
     )
+    # In parentheses, as `--1.0` would be another operator in C.
     return f"({said})" if said.startswith("-") else said

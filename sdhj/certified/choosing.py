@@ -180,6 +180,7 @@ def _operations(function: Any) -> int:
     if isinstance(function, BlackBox):
         return BLACK_BOX
 
+    # Kept with the function, as many numbers of cells are compared and it costs a walk over its graph.
     def counted() -> int:
         operations = [one.op for one in ordered(function.outputs)]
         return len(operations) + LOOK_UP * operations.count("gridded")

@@ -249,11 +249,13 @@ class _Cell:
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
         ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("fails"), strict=True), self.scales
         for k, (name, lower, upper) in enumerate(ends):
+            # As for the solver, which counts what is so near past an end as at it.
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]
         late = self.problem.sensing.jitter
         for unsafe_set in (one for one in self.problem.unsafe if one.counts(j)):
             own, least = list(unsafe_set.axes), []
+            # Some `TRIED` boxes in all, so fewer along each axis of a set of more axes.
             pieces = int(TRIED ** (1 / len(own)))
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T
             for a, b, begin, end in zip(low[:, own], high[:, own], self.cuts[:-1], self.cuts[1:], strict=True):

@@ -527,6 +527,7 @@ class GeneralProof(Images):
     def _boxes_of_sets(self, progress: bool | None) -> dict[int, list[Boxes]]:
         """The `counted_boxes` of each unsafe set: one for each step, or one of all steps."""
         made, out = partial(counted_boxes, self.bounds, self.axes), dict[int, list[Boxes]]()
+        # Those that are tested in words are marked without such boxes (`_mark_in_words`).
         each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
         for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
             spans = self._spans(part)

@@ -400,6 +400,7 @@ class CertifiedTable(Table):
         """
         clear = self._words.look_up(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
+        # At the end of the interval alone: it ranks inputs, and what is met before is in the sign.
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
         inputs = np.tile(np.arange(clear.shape[1]), len(states))
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1), inputs).reshape(clear.shape)

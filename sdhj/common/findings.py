@@ -77,6 +77,7 @@ _FOUND = ContextVar[list[Finding] | None]("found", default=None)
 def findings() -> Iterator[list[Finding]]:
     """A context whose value is a list, to which `tell` appends each finding; users are warned all the same."""
     found: list[Finding] = []
+    # Those of a context around this one are not told: `tell` appends to the innermost.
     token = _FOUND.set(found)
     try:
         yield found

@@ -84,6 +84,7 @@ def raising_not_traced(method: Callable[..., Any]) -> Callable[..., Any]:
     def watched(*args: Any, **options: Any) -> Any:
         try:
             return method(*args, **options)
+        # It has advice of its own.
         except NotTraced:
             raise
         except Exception as error:
@@ -312,6 +313,7 @@ def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
     if isinstance(answer, np.ndarray):
+        # What does not hang on entries, as `np.ones_like`, is plain numbers, which become constants.
         nodes = answer.dtype == object and all(isinstance(one, Node) for one in answer.flat)
         return Traced(answer if nodes else _nodes_of(answer), dtype)
     return _sealed_number(Traced(_nodes_of(np.array(answer, dtype=object)), dtype))
@@ -389,6 +391,7 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
 
 def written_as(array: Traced, dtype: Any) -> Traced:
     """A traced array converted to a dtype, as NumPy does when it writes into an array."""
+    # Numbers of a narrower dtype are nodes already, so nothing is computed.
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
     if dtype == TRUTH:

@@ -204,9 +204,11 @@ class Formula(Remembering):
         The operands are y and x, or a / b and b for mod(a, b); the results read the nodes as further coordinates.
         """
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
+        # Of another period `_sides` knows no bounds.
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
         new = {one: leaf("x", self.coordinates + i) for i, one in enumerate(found)}
         rest = replace(self, outputs=tuple(rebuilt(self.outputs, new.get)), coordinates=self.coordinates + len(found))
+        # `mod` jumps where its laps, a / b, are whole.
         pairs = [(make("div", *one.args), one.args[1]) if one.op == "mod" else one.args for one in found]
         return found, replace(self, outputs=tuple(chain(*pairs)), shape=(2 * len(found),)), rest
 
@@ -407,6 +409,7 @@ class BlackBox:
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
         for name in ("slope", "rate"):
             given = getattr(self, name)
+            # None states nothing, and is checked as 0.
             array = np.asarray(0.0 if given is None else given, np.float64)
             if not (np.isfinite(array).all() and (array >= 0).all()):
                 raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
@@ -487,10 +490,12 @@ class BlackBox:
                 f"{self.name} is a BlackBox that may depend on time: say how fast it changes, BlackBox(..., rate=0.0) "
                 "if it does not, or use view_time='sampled'"
             )
+        # The value in the middle, as far down as it may change in half of the time.
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
         """The function's values as float64 (M, *shape); ValueError where they are not finite."""
+        # In a function that is traced, a black box would need values where there are only nodes.
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)

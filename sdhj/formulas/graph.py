@@ -68,6 +68,7 @@ def _sealed(values: Any) -> bool:
     """Whether values can be kept without a copy: read-only, C-contiguous float64, that own memory or map a file's."""
     fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
     held = values
+    # A view of another array could change with it, although it is read-only itself.
     while isinstance(held, np.ndarray) and held.base is not None:
         held = held.base
     mapped = isinstance(held, memoryview) and held.readonly

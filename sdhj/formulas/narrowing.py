@@ -40,6 +40,7 @@ def squares(one: Node) -> list[Node] | None:
             left += one.args[::-1]
         elif one.op == "sqr":
             found += one.args
+        # What is left are constants, which are added to the squares.
         elif not _is_length(one) or one.args:
             return None
     return found
@@ -121,6 +122,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
         rest = [new.get(arg, arg) for arg in one.args]
         if at_most(one, b):
             found[one] = make("share", new.get(one, one), new.get(b, b))
+        # A sum may be more than |b| where each part is not: parts are divided one by one.
         elif one.op in ("add", "sub") and None not in parts:
             found[one] = make(one.op, *parts)
         elif one.op in ("mul", "div") and parts[0] is not None:

@@ -90,6 +90,7 @@ def draw_workspace(
     for disk, looks, gid in disks:
         if trail is not None and disk.speed:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
+        # Above trails (1.5), below pursuer or evader (4) and arm (5).
         ax.add_artist(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))
     if state is not None:
         draw_arm(ax, scene, np.asarray(state)[:2])

@@ -114,6 +114,7 @@ def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
     takes = arguments("velocity", given)
     if "v" not in takes:
         return given
+    # `v` stays where the user has it among the arguments.
     place = takes.index("v")
 
     def velocity(*found: Any) -> Any:

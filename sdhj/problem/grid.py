@@ -250,6 +250,7 @@ class Grid(Remembering):
         if isinstance(points, Traced):
             each = zip(points.T, self.lower, self.upper, self.periodic, strict=True)
             return np.stack([low + np.mod(x - low, high - low) if p else x for x, low, high, p in each], axis=1)
+        # A copy, as `wrap` writes in place.
         points = np.array(points, dtype=np.float64, order="C")
         wrap(points, *self._ends)
         return points

@@ -223,6 +223,7 @@ class Interval(ReadOnly):
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
+        # All that it depends on besides the dynamics, which keep it.
         what = "displacement_sets", self.delta, self.early, *np.ravel(self.widening).tolist()
         found: Formula = self._as_formula(what, self._displacement_sets, self.grid.ndim)
         return found

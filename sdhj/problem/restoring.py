@@ -91,6 +91,7 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
     pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}
     pairs |= {"name": (head["problem"], problem.name), "sets": (head["sets"], problem.numbers["sets"])}
     if problem.dynamics.is_cut:
+        # Files of dynamics that are not cut have no number of pieces.
         pairs["pieces"] = head["formulas"].get("pieces", CUTS), problem.dynamics.pieces
     found = [f"{name} is {its} there and {ours} here" for name, (its, ours) in pairs.items() if its != ours]
     if not near(head["inputs"], problem.inputs):
@@ -103,6 +104,7 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
         one, other = (each[name].outputs if name in each else () for each in (theirs, formulas))
         if not alike(one, other):
             found.append(f"the formula of {name} is another")
+    # What a black box computes is not in a file, only its values at some states.
     for name in problem.opaque:
         kept, values = arrays.get(f"opaque/{name}", np.empty(0)), blackbox_values(problem, name)
         if not near(kept, values):

@@ -102,6 +102,7 @@ class UnsafeSet(LevelSet):
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         if self.inputs is not None:
             object.__setattr__(self, "inputs", _input_numbers(self.inputs, self.name))
+        # After `axes`, as functions are read with a state of so many coordinates.
         count, name = len(self.axes), f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, count, "t"))
         if self.swept is not None:
@@ -237,6 +238,7 @@ class UnsafeSet(LevelSet):
         array([-0.049,  0.05 ])
         """
         if footprint is None and pose is None and not outside:
+            # What stands still and has no footprint has one exact distance, without convex parts.
             return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
         body = Body(vertices, radius, pose)
         if len(body.vertices) < 3:

@@ -57,6 +57,7 @@ class Velocities(ReadOnly):
 
 def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
     """The ValueError for an interval that needs more than `MOST_STEPS` at speeds (ndim,)."""
+    # The axis that asks for the most steps.
     axis = int(np.argmax(speed / np.array(grid.spacing)))
     return ValueError(
         f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "

@@ -232,6 +232,7 @@ def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
 def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
     """A record as float64 (T, columns, or more if `wider`), from an array or a CSV file."""
     if isinstance(given, str | os.PathLike):
+        # The first row of a CSV file has names.
         given, name = np.loadtxt(given, delimiter=",", skiprows=1, ndmin=2), str(given)
     table = finite_array(name, given)
     fits = table.ndim == 2 and (table.shape[1] == columns or (wider and table.shape[1] > columns))
@@ -298,6 +299,7 @@ def _flow(
 ) -> FloatArray:
     """Where the model leads from states at time t, s, after durations (M, 1), s: (M, ndim)."""
     ends = states.copy()
+    # Each span of its own costs `STRIDES` steps, so that spans that hardly differ count as one.
     rounded = np.round(spans[:, 0] / SAME_SPAN) * SAME_SPAN
     for span in np.unique(rounded):
         rows, h = rounded == span, float(span) / STRIDES

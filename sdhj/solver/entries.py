@@ -572,6 +572,7 @@ def check_begun(folder: Folder, sets: GridSets) -> None:
     """TableFileError unless a folder was begun for this problem, method and version."""
     try:
         head = json.loads((folder.path / BEGUN).read_text())
+        # Whatever is wrong with a head that somebody wrote, only the folder is refused.
         checked = checked_head(head)
     except (OSError, LookupError, ArithmeticError, AttributeError, ValueError, TypeError) as error:
         raise TableFileError(f"{folder.path} is no folder of a solve ({error}); choose another name") from error
@@ -585,6 +586,7 @@ def check_begun(folder: Folder, sets: GridSets) -> None:
         raise TableFileError(
             f"{folder.path} is being solved by {its}, and this is {now['method']!r} with {now['options']}"
         )
+    # Last, as it may compare formulas and values.
     problem_of_file(folder.path, checked, arrays_of(sets.problem), sets.problem)
 
 

@@ -81,6 +81,7 @@ def check_sets(problem: ReachAvoidProblem) -> None:
         sought = nowhere or problem.grid.subgrid(unsafe_set.axes).size <= MOST_NODES
         times = _times(problem, unsafe_set.moving, TIMES) if sought else []
         hidden = (_hidden(samples, unsafe_set, t, ASKED) for t in times)
+        # One warning of a set is enough: the first that is found.
         tell(next(filter(None, hidden), nowhere))
 
 
@@ -542,6 +543,7 @@ def _deepest_nodes(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArr
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values
     for axis in range(some.ndim):
+        # Axis by axis, so that neighbours across corners count as well.
         deepest = np.minimum.reduce([deepest, *(neighbour(some, deepest, axis, by, np.inf) for by in (-1, 1))])
     inside = np.argwhere((values <= 0) & (values == deepest))
     return np.array(some.lower) + inside * some.spacing

@@ -235,6 +235,7 @@ def _table_path(path: Named) -> Path:
 def _no_table(path: Path) -> str:
     """Why a file or a folder is no table, by its first bytes, and what to do."""
     file, begin = path / HEAD if path.is_dir() else path, b""
+    # What cannot be read is told as damaged, at the end.
     with suppress(OSError), open(file, "rb") as stream:
         begin = stream.read(400)
     if begin.startswith((b"\x89HDF", b"sdhj look-up table, format")):

@@ -128,6 +128,7 @@ def shown(through: Iterable[Any], what: str, total: int) -> Iterator[Any]:
     """A `Bar` that tells on standard error how far it is."""
     told = 0.0
     for number, one in enumerate(through, 1):
+        # Ten times a second at most, and once all are done, which ends the line.
         if number == total or time.monotonic() - told > 0.1:
             told = time.monotonic()
             print(f"\r{what}: {number:,} of {total:,}", end="\n" * (number == total), file=sys.stderr, flush=True)

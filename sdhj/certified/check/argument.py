@@ -299,6 +299,7 @@ class Argument:
         """
         robot, begin, self.clear = self.problem, 0, list[Clear]()
         ends = np.logical_or(*self.unsafe.T)
+        # What is left of these at the end has been named by no entry.
         left, open_ends = np.ones(len(robot.unsafe), np.bool_), ends.copy()
         expect(isinstance(stated, list), "clear must be a list of sets and ends by axes", stated)
         for each in stated:
@@ -313,6 +314,7 @@ class Argument:
             starts = robot.steps if robot.timed or any(part.moving for part in parts) else 1
             shape = starts, math.prod(self.counts[own].tolist()), -(-robot.count // 8)
             bits = given[begin : begin + math.prod(shape)]
+            # Shorter where the file's array ends too early.
             fits = bits.size == math.prod(shape)
             expect(fits, "clear must be kept in the file, for each step and cell of its axes", given.shape)
             self.clear.append(Clear(own, parts, at_ends, bits.reshape(shape)))
@@ -699,6 +701,7 @@ class Argument:
         gone, robot = np.zeros((self.parts, cells.shape[1]), np.bool_), self.problem
         for k in np.flatnonzero(self.safe.any(axis=1)):
             low, high = tubes.swept[:, :, k][..., tubes.rows[self.strides @ cells]].swapaxes(0, 1)
+            # By more than the rounding of a state: so near past an end nothing has left yet.
             gone |= (self.edges[k][cells[k] + 1] + high < robot.lower[k] - self.near[k]) & self.safe[k, 0]
             gone |= (self.edges[k][cells[k]] + low > robot.upper[k] + self.near[k]) & self.safe[k, 1]
         return ~np.logical_or.accumulate(gone, axis=0)
@@ -954,6 +957,7 @@ class Argument:
             return self.not_nearer(step, within, chosen)
         here = self.bits(step, 0)
         asked = np.flatnonzero(here & chosen)
+        # What overflows is not finite and proves nothing, so that nobody need be warned.
         with np.errstate(all="ignore"):
             bad = asked[~in_slabs(partial(self.goals_hold, step), asked)]
         return Count(int(here.sum()), asked.size, 0, bad.size, bad[:SHOWN].tolist())

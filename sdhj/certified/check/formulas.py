@@ -162,6 +162,7 @@ class Formula:
         while left:
             node = self.nodes[number := left.pop()]
             if node.name == "min":
+                # A node may be an operand of several: it is asked about once.
                 left += {*node.operands}
             elif number not in found:
                 found.append(number)

@@ -123,12 +123,15 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
     row, counts, grows = sets.row(step, within), sets.counts, within > 0 and sets.problem.target is not None
     less = sets.row(step, within - 1) if grows else None
     filled: Array = np.any(sets.pool, axis=1)
+    # Rows with a block of their own: others are the same block as those of n - 1 and have nothing new.
     rows = np.flatnonzero(filled[row] if less is None else row != less)
     at = np.array(np.unravel_index(rows, counts[:-1])) if len(counts) > 1 else np.zeros((0, rows.size), np.int64)
+    # Some rows by chance, and of each axis two at either end, where a seam or a wall is.
     picked = [rng.permutation(rows)[:ROWS]]
     for k, n in enumerate(counts[:-1]):
         picked += [rng.permutation(rows[at[k] == end])[:2] for end in (0, n - 1)]
     rows = np.unique(np.concatenate(picked))
+    # Only what n has and n - 1 has not.
     blocks = sets.pool[row[rows]] if less is None else sets.pool[row[rows]] & ~sets.pool[less[rows]]
     new = np.unpackbits(blocks.view(np.uint8), axis=1, count=int(counts[-1]), bitorder="little")
     own, last = np.nonzero(new)
@@ -136,13 +139,16 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
     at = np.array(np.unravel_index(cells, counts))
     ends = ((at == 0) | (at == counts[:, None] - 1)).any(axis=0)
     each = [cells[at[k] == end][:1] for k, n in enumerate(counts) for end in (0, n - 1)]
+    # First what is at ends: one of each end of each axis, then any up to a quarter.
     first = np.unique(np.concatenate([*each, cells[ends][: most // 4]]))
+    # A rim is looked for among 8 times as many as are wanted.
     cells = np.concatenate([first, cells[~np.isin(cells, first)][: 8 * most]])
     rim = np.zeros(cells.size, np.bool_)
     for k, side in ((k, side) for k in range(len(counts)) for side in (-1, 1)):
         beside = np.array(np.unravel_index(cells, counts))
         beside[k] += side
         rim |= ~all_in(sets, row, beside, beside + 1)
+    # What is first has been taken.
     rim[: first.size] = False
     others = ~rim
     others[: first.size] = False
@@ -197,12 +203,14 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
         strides = sets.strides_of(one.own)
         clear = np.unique(strides @ cells)
         clear = clear[marked(one.bits, step, j, clear)]
+        # `one` is bound here, as the loop goes on.
         left.append(Drawn(CLEAR, strides, clear, partial(clear_of, sets, one, step, j)))
     if len(sets.arrives):
         at, sites = min(step, len(sets.arrives) - 1), np.unique(sets.sites @ cells)
         sites = sites[marked(sets.arrives, at, j, sites)]
         left.append(Drawn(ARRIVE, sets.sites, sites, partial(sets.arrivals_hold, at)))
     looked = sum(one.numbers.size for one in left)
+    # What holds with coarse pieces is not asked with finer ones.
     for pieces in FINENESS:
         places = np.unique(np.concatenate([sets.strides @ sets.cells_at(one.numbers, one.strides) for one in left]))
         if not places.size:

@@ -44,6 +44,7 @@ def entry(what: str, given: Any, needed: str, may_have: str = "") -> Mapping[str
     expect(isinstance(given, dict), f"{what} must be an entry with fields", given)
     lacks = [name for name in needed.split() if name not in given]
     expect(not lacks, f"{what} must have the fields {needed.replace(' ', ', ')}", [*given])
+    # A field that nobody reads could change what a table means.
     unknown = [name for name in given if name not in f"{needed} {may_have}".split()]
     expect(not unknown, f"{what} must have no unknown field", unknown)
     return dict(given)
@@ -88,6 +89,7 @@ class BlackBox:
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
         """What its author states of boxes and times; refused where a value is beyond."""
         least, most = self.stated(low, high, times)
+        # At a place by chance in each box and at either end of the times: this finds errors and proves nothing.
         for time in times:
             place = low + self.rng.random(low.shape) * (high - low)
             value = self.shaped(self.given(place, *self.inputs, time))
@@ -217,6 +219,7 @@ class Problem:
     def table(self, number: int, axes: int) -> Array:
         """The table of a formula, read once."""
         if number not in self.tables:
+            # All tables together have so much room, however many a file names.
             left = MOST_TABLES - sum(each.nbytes for each in self.tables.values())
             self.tables[number] = array(self.arrays, f"tables/{number}", np.float64, *[None] * axes, most=left)
         found = self.tables[number]
@@ -322,6 +325,7 @@ class Problem:
         boxed = name in self.opaque
         own: Function = BlackBox(name, self.black_box(name), 1, 1) if boxed else self.formula(name, len(axes))
         expect(not isinstance(own, Formula) or len(own.results) == 1, f"{name} must have one result", own)
+        # A target counts under all inputs, so that inputs of one would be read by nobody.
         if inputs is not None:
             fits = isinstance(inputs, list) and len(inputs) > 0 and name != "target"
             fits = fits and all(is_whole(j, 0, self.count - 1) for j in inputs) and len({*inputs}) == len(inputs)
@@ -366,6 +370,7 @@ class Problem:
                 shown.append(f"  {name}: a black box, of which what its author states is believed")
                 continue
             size = len(each[0].results)
+            # As one formula, so that what inputs share has one letter.
             whole = Formula(each[0].nodes, tuple(result for one in each for result in one.results))
             letters, values = in_infix(whole, self.names, ["t", *v])
             own = [values[j * size : (j + 1) * size] for j in range(self.count)]
@@ -377,6 +382,7 @@ class Problem:
                     "gain": f"d{self.names[axis % self.ndim]}/dt: v{component + 1} *",
                 }.get(name, f"d{self.names[axis % self.ndim]}/dt: {name}")
                 texts = [row[k] for row in own]
+                # Only inputs that follow each other are put together.
                 for text, some in groupby(range(self.count), texts.__getitem__):
                     numbers = [*some]
                     under = f"    [u{numbers[0]} to u{numbers[-1]}]" if len(numbers) > 1 else f"    [u{numbers[0]}]"

@@ -116,6 +116,7 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
     data = path.read_bytes()
     whole = len(data) >= HEAD and data[:8] == MAGIC
     version = struct.unpack_from("<I", data, 8)[0] if whole else 0
+    # Before all else, as another version may lie otherwise; bytes 12 to 15 are the sum itself.
     expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
     whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
     expect(
@@ -194,6 +195,7 @@ def claims_of_steps(
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
         made = steps != UNPROVED
+        # Without a target a cell is in the set of all steps that are left, or in none.
         bad = (steps > left) | ((steps != left) & has_no_target) | (fewest > steps)
         yield "steps", int(made.sum()), np.flatnonzero(made & bad)
     if "select" in words.fields:
@@ -226,6 +228,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
     """Yield what the words of a step claim, counted, by fields: some of them several times."""
     left, none = words.steps - start, sets.problem.target is None
     fewest, where = steps_to_go(sets, start, left, none), f"start {start}, cell"
+    # Where no step is left, and of cells that nobody promises, clear inputs count as made only if `every`.
     promised = sets.promised([start]).ravel() if left and not every else np.full(len(fewest), every)
     for cells, ids in words.ids(start):
         for name, made, bad in claims_of_steps(words, ids, fewest[cells], left, none):
@@ -237,6 +240,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
             own = counted(int(said[promised[cells]].sum()), bad, where)
             own.beside = int(said.sum()) - own.made
             yield "clear", own
+    # By steps to go, as the sums of one set take longest and serve all words that lead into it.
     for ahead in range(left + 1):
         leads = ahead > 0 and left > 0
         all_in = partial(sets.all_in, sets.sums(sets.bits(start + 1, ahead - 1)) if leads else None)
@@ -259,6 +263,7 @@ def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
     if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
     out = np.full(math.prod(sets.counts.tolist()), left + 1, np.int32)
+    # Descending, so that the fewest stays.
     for within in range(left, -1, -1):
         out[sets.bits(start, within)] = within
     return out
@@ -269,6 +274,7 @@ def images_differ(words: Words, sets: Argument) -> Iterator[str]:
     shape = np.where(sets.known, sets.counts, 1)
     for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
         for start, j in np.ndindex(own.shape[:2]):
+            # As many of them as there are cells of the axes that this one reads, 1 along others.
             said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
             proved = [moves[start, j, :, axis].reshape(shape) for moves in (sets.low, sets.high)]
             if not all(bool((said[..., side] == proved[side]).all()) for side in (0, 1)):

@@ -225,6 +225,7 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
         return [POINT]
     bodies = [given] if isinstance(given, Body) else list(given)
     if not bodies or not all(isinstance(one, Body) for one in bodies):
+        # What are no bodies are the corners of one.
         bodies = [Body(given)]
     if any(one.pose is None for one in bodies) and len(axes) != 3:
         raise ValueError(

@@ -27,6 +27,7 @@ def outline(vertices: Any) -> Any:
     shape = shapely.Polygon(corners)
     if not shape.is_valid or shape.area == 0.0:
         raise ValueError(f"vertices must go around a polygon whose edges do not meet: {shapely.is_valid_reason(shape)}")
+    # Corners that are said twice would be sides of no length.
     return shapely.orient_polygons(shapely.Polygon(corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]))
 
 
