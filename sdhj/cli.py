@@ -168,6 +168,7 @@ def solve_command(
     if (output is None) == (store is None):
         raise ValueError("give -o, the file to write, or --store, a folder for a table larger than memory")
     chosen: Any = Certified(**of_cells) if of_cells or method == Certified.name else method
+    # Before the solve, which may take long.
     if output is not None:
         writable_file(output)
     # click hands these options over by the names of `arm_case_study`'s arguments
@@ -205,6 +206,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     """Simulate the controller of a table against an adversary."""
     state = None if start is None else np.array(numbers("start", start))
     if start is not None and runs is not None:
+        # Refused before the table is read.
         raise ValueError("--start simulates one run and --runs many from random start states; give only one of them")
     controller = Controller(load(table), rule=rule)
     if state is None:
@@ -259,6 +261,7 @@ def info(table: Path) -> None:
         for what, why in opaque.items():
             click.echo(f"    {what}: {why}")
         return
+    # Shares need the table itself, which of black boxes only their author can load.
     read = load(table)
     if isinstance(read, CertifiedTable):
         steps_of = f"{read.steps_of_rounding()} steps in which all rounding, of 1e-14 each, falls to one side"
@@ -496,6 +499,7 @@ def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int]
         raise ValueError(f"--axes must be two names separated by a comma, got {axes!r}")
     through = np.add(grid.lower, grid.upper) / 2
     for one in at:
+        # Without "=" the value is "", which `numbers` refuses.
         name, _, value = one.partition("=")
         (through[axis_of(name)],) = numbers("at", value)
     return along, through

@@ -264,6 +264,7 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
         elif name in ("delta", "u_max") or name.endswith("_box"):
             plain[name] = number(name, value, above=0.0)
         else:
+            # All others are lengths and speeds, which may be 0.
             plain[name] = number(name, value, least=0.0)
     return {"builder": builder, "arguments": plain}
 

@@ -81,9 +81,11 @@ class Bounds:
         out = np.empty([ends.size for ends in last], np.int8)
         for at, lower, upper in _boxes_in_batches(np.arange(out.size), [ends[::side] for ends in low], last):
             out.ravel()[at] = _sign(level(lower, upper))
+        # What holds of a tile holds of all its boxes.
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
         for at, lower, upper in _boxes_in_batches(left, low, high):
+            # Each batch may halve as much as its share of the open boxes.
             out.ravel()[at] = _sign_by_halving(level, lower, upper, halvings, MOST_HALVES * at.size // left.size)
         return out
 
@@ -210,6 +212,7 @@ def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArr
             # `cut_boxes` writes the pieces of a box one after the other, on which `reduceat` rests
             first = np.flatnonzero(np.diff(rows[:count], prepend=-1))
             found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)
+        # Only now it is known what shape values of the function have.
         out = out if begin else np.empty((2, len(low), *found[0].shape[1:]))
         out[0, begin : begin + size], out[1, begin : begin + size] = found
     return out

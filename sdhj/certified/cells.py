@@ -228,6 +228,7 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
             f"layers must be 0 or 1 at each wall of axis {axis}, and 0 elsewhere, got {reprlib.repr(layers)}"
         )
     lower, upper = map(int, layers)
+    # At most 300 digits, as numbers of any length would be read from a file at any cost.
     if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
         raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")
     extent = as_fraction(grid.upper[axis]) - as_fraction(grid.lower[axis])

@@ -128,7 +128,9 @@ def _led(problem: ReachAvoidProblem) -> dict[int, float]:
     out = dict[int, float]()
     for axis in (k for k in range(problem.grid.ndim) if is_steady(problem, k)):
         ends = np.array([moved_bounds(problem, axis, j) for j in range(len(problem.inputs))], float)
+        # Twice the distance in the middle, by which inputs that hardly move the axis are left out.
         far = np.abs(ends.sum(axis=1))
+        # Below 0 where it may be moved either way: then it is not surely led.
         sure = np.maximum(ends[:, 0], -ends[:, 1])[far >= FAR * far.max()].min()
         out |= {axis: float(sure)} if sure > 1e-9 * (problem.grid.upper[axis] - problem.grid.lower[axis]) else {}
     return out

@@ -59,6 +59,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     if within == 0:
         what = "clear of the unsafe sets" if problem.has_no_target else "in the target and clear of the unsafe sets"
         return Explanation(False, f"{says[:-1]}: not all of its cell is {what}.")
+    # The first cell that is not held: a state is in the set only if all cells near it are.
     held = np.array([table.holds(cell, step, within) for cell in cells])
     causes, helps = what_keeps_out(table, state, step, within)
     return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says, causes, helps)
@@ -116,6 +117,7 @@ def scanty_finding(table: Any) -> Finding | None:
         f"{share:.2g} of the state space of {problem.name!r} is certified, {than}: more is not proved at "
         f"{' x '.join(map(str, table.shape))} cells, which does not mean that there is no more"
     )
+    # What is neither certified nor plainly lost or won.
     lost = ~table.in_cells(drawn, 0, table.steps) & free
     if not problem.has_no_target:
         lost &= problem.target_value(drawn, t) > 0
@@ -200,6 +202,7 @@ class _Cell:
         counts, lost = self.table.cells.counts, cells[missing]
         if not len(lost):
             return Failure(j, "", 0.0, "all cells that it may lead to are certified")
+        # The cells past a seam have the numbers of those that they are.
         begin, end = lost.min(axis=0) % counts, lost.max(axis=0) % counts + 1
         edges = [axis.edges()[[a, b]] for axis, a, b in zip(self.table.axes, begin, end, strict=True)]
         ends = zip(self.problem.grid.names, edges, strict=True)

@@ -109,6 +109,7 @@ def export_c(
     rule = rule or ("small" if fields == ("select",) else "deepest")
     option("rule", rule, (*RULES, "small"))
     norms = np.square(problem.inputs).sum(axis=1)
+    # By default the input of least norm, as standing still is where it is one.
     brake = int(norms.argmin()) if brake is None else whole("brake", brake, least=0, most=len(problem.inputs) - 1)
     folder = Path(folder)
     if taken := [str(one) for one in (folder, *folder.parents) if one.exists() and not one.is_dir()]:
@@ -284,10 +285,12 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
         # in the order of `work`, by which blocks are numbered: all of a step, then those of the next
         for some in (pieces.work[at : at + several] for at in range(0, len(pieces.work), several)):
             for (_, at), rows in zip(some, pool.map(found, some), strict=True):
+                # How long a word is, its first rows tell.
                 packer = packer or Packer(rows.shape[1])
                 packer.blocks.append(pieces.in_blocks(packer.add(np.ascontiguousarray(rows)), at))
                 bar.update()
     assert packer is not None
+    # Only now it is known how many words there are, and so how many bytes their numbers take.
     width = _bytes_for(packer.used)
     for numbers in packer.blocks:
         packer.pack(numbers, width)
@@ -419,6 +422,7 @@ def python_answers(
     proved = table._words.look_up(table, states, step, left, None)[1]
     clear = table._words.look_up(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
     distances = squared_distances(problem.inputs, problem.inputs[wanted])
+    # A wanted input that is proved is the nearest, before another that is the same.
     distances[np.arange(count), wanted] = -1.0
     nearest = np.where(proved, distances, np.inf).argmin(axis=1)
     where, out = location_status(table, states), []
@@ -438,6 +442,7 @@ def python_answers(
             said += struct.pack("<BI", status & 255, instead if status else value)
         if not where[m]:
             some = np.flatnonzero(safe[m]) if "safe" in fields else safe[m][:0]
+            # 65536 tells inputs that are clear from those that are safe.
             each = [*some.tolist(), *(np.flatnonzero(clear[m]) + 65536).tolist()]
             said += b"".join(struct.pack("<BI", 0, j) for j in each)
         out.append(said)
@@ -614,6 +619,7 @@ class Exported:
         OSError
             Without a C compiler.
         """
+        # As C reads them by a pointer.
         given = np.ascontiguousarray(np.atleast_2d(states), np.float64)
         inputs, count = self.table.problem.inputs, len(given)
         if given.ndim != 2 or given.shape[1] != self.table.grid.ndim:
@@ -672,6 +678,7 @@ class Exported:
             loaded: Any = ctypes.CDLL(str(library))
         loaded.x_size.restype = loaded.x_memory.restype = ctypes.c_size_t
         opened = ctypes.create_string_buffer(loaded.x_size())
+        # C reads the table in these bytes and makes no copy.
         kept = ctypes.create_string_buffer(self.data, len(self.data))
         if loaded.x_open(opened, kept, ctypes.c_size_t(len(self.data)), self.data[128:160]) != 0:
             raise ValueError(f"sdhj_open refuses {self.folder / 'sdhj_table.bin'}: export it anew")

@@ -76,7 +76,9 @@ def counted_boxes(
     array of sums for each interval of `times`, and of several one more for all together. Along a periodic axis there
     are two laps. There are about `most` boxes, at all times and for all `steps`.
     """
+    # No layers: boxes follow the axes themselves, and cells of a layer have no width.
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
+    # Fewer for more times and steps, as there are sums for each.
     boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
     fine = min(max(int(boxes ** (1 / len(unsafe_set.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
@@ -94,6 +96,7 @@ def counted_boxes(
     laps = sizes * np.where(own.periodic, 2, 1)
     sums = np.zeros((len(some), *(laps + 1)), np.int32)
     for counted, meets in zip(sums, some, strict=True):
+        # Twice around, so that a window across the seam is one box as well.
         for k in np.flatnonzero(own.periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)
         counted[(slice(1, None),) * sizes.size] = meets
@@ -359,6 +362,7 @@ class GeneralProof(Images):
         """
         arrivals, tested, every = Arrivals(self), self.sets_tested_in_words, self._asked()
         mark = partial(self._mark_collisions, every, self._boxes_of_sets(progress))
+        # Of all places only where a set asks for all at once.
         tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
@@ -480,6 +484,7 @@ class GeneralProof(Images):
         for boxes in (counted[number][0] for number in own if len(counted[number]) == 1):
             mark(still, boxes)
         for step in range(len(asked.bits)) if len(self.low) == 1 else (start,):
+            # A new array, which has what stands still, and of what moves only this step.
             clear = asked.bits[step, :, j // 8] & still
             for number in (number for number in own if len(counted[number]) > 1):
                 mark(clear, counted[number][step])

@@ -69,9 +69,11 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     spread, box = _spread(problem), error
     for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
+        # What begins in such a box stays in it: E is proved.
         if (wider <= box).all():
             return wider
         box = wider * (1 + 1e-3) + 1e-12 * np.maximum(np.abs(problem.grid.lower), np.abs(problem.grid.upper))
+        # Beyond the size of the grid nothing is told from anything else.
         if not (box < np.subtract(problem.grid.upper, problem.grid.lower)).all():
             break
     raise ValueError(f"after a delay of {sensing.delay:g} s nothing is known of the state: the dynamics are too fast")
@@ -101,6 +103,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
         strides += itertools.pairwise((problem.time(step) - delay * np.arange(STRIDES, -1, -1) / STRIDES).tolist())
     tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))
     fastest, stride = (disturbed.velocity(j, low, high, *times) for j, times in tasks), delay / STRIDES * ROUNDED
+    # With 0, as a state may stand still, or begin to.
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
@@ -462,6 +465,7 @@ class Images(Proof):
             velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)
             if sweep(ends, velocity, h, shift_invariant, self.shell, enclosure, out):
                 if self.has_layers:
+                    # What surely moves away from an end of the box does not pass it.
                     out[0] = np.where(~shift_invariant & (velocity[0] >= 0.0), ends[0], out[0])
                     out[1] = np.where(~shift_invariant & (velocity[1] <= 0.0), ends[1], out[1])
                 return ends, out

@@ -75,6 +75,7 @@ class Packing:
         if self.axis == len(self.order) - 1:
             self._grow(cells, following, changed, some)
             return
+        # Rows along another axis are others, so that a change goes through a whole set.
         if changed is not None:
             whole = np.zeros_like(following)
             whole[changed[0]] = changed[1]

@@ -609,6 +609,7 @@ class CertifiedTable(Table):
         proof = PROOFS[cells["kind"]].load(head["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
         one_for_all = {1, problem.steps + 1} if problem.time_invariant else set()
+        # One set for all steps, N + 1 by steps to go alone, or one for each step and steps to go.
         index = read_array(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
         pool = read_array(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if problem.has_no_target and head["details"].get("endless") and len(index) > 1:
@@ -616,6 +617,7 @@ class CertifiedTable(Table):
         if "checked" in head["details"]:
             looked, made = head["details"]["checked"]
             whole("checked", looked, least=0, most=whole("checked", made, least=0))
+        # Block 0 is that of no cells.
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, head["details"], **fields)

@@ -114,6 +114,7 @@ def boxes_in_words(
     ):
         own = [low[0][at], *low[1:]], [high[0][at], *high[1:]]
         meets = ~bounds.outside(unsafe_set, *own, times, HALVINGS_OF_A_BOX)
+        # Of the last axis, boxes within a cell come before cells, which are packed.
         planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
         out[at] = to_words(planes)
     return with_margins(out, last, far)

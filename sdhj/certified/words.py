@@ -83,6 +83,7 @@ def words_of(
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
     held = np.flatnonzero(to_go <= table.steps - step)
+    # What is nearer is asked with as many steps to go as the caller has.
     some, to_go, steps_left = cells[held], to_go[held], np.maximum(to_go[held], within)
     if within == CLEAR:
         safe = table.clear_inputs(some, step)
@@ -94,6 +95,7 @@ def words_of(
     made[:, 0], made[:, INPUTS:] = to_go, bits.view("<u4")
     made[:, 1] = chosen_of(table, some, step, steps_left, to_go, safe, rule)  # -1 becomes NOTHING
     out = np.zeros((len(cells), made.shape[1]), np.uint32)
+    # Cells that no set has have no inputs and no steps.
     out[:, :INPUTS] = NOTHING
     out[held] = made
     return out
@@ -123,6 +125,7 @@ def chosen_of(
     # cells at one place have the same velocities, so moves are computed once for each place
     _, first, rows = np.unique(places, return_index=True, return_inverse=True)
     moves = table.problem.interval(step).displacements(centres[first])
+    # Displacements that depend on no state have one row for all.
     rows = rows if len(moves) > 1 else np.zeros(some.size, np.int64)
     margins = margins_of(table, centres, step, steps_left[some], safe[some], moves, rows)
     if rule == "deepest":

@@ -103,6 +103,7 @@ def verify(
         elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
             sets = Argument(head, arrays, problem)
             expect_room(sets.bytes_needed())
+    # Out of the `with`, within which an error would be told as one of the file.
     if opaque and problem is None:
         names = ", ".join(f"{name} ({why})" for name, why in opaque.items())
         raise ValueError(

@@ -131,6 +131,7 @@ def everywhere(holds: Holds, boxes: Array, axes: Sequence[int] | Array, depth: i
         some, of, more = left.pop()
         some, of = some[:, :, out[of]], of[out[of]]
         yes, no = holds(some)
+        # At the last depth what is not proved fails; before, only what surely does.
         out[of[no if more else ~yes]] = False
         if not more:
             continue
@@ -138,6 +139,7 @@ def everywhere(holds: Holds, boxes: Array, axes: Sequence[int] | Array, depth: i
         axis = axes[-more % len(axes)]
         some, of = some[:, :, (open_ := ~yes & out[of])], of[open_]
         middle = some[:, axis].mean(axis=0)
+        # The two halves, one after the other.
         some, of = np.concatenate([some] * 2, axis=2), np.tile(of, 2)
         some[1, axis, : middle.size] = some[0, axis, middle.size :] = middle
         left += [(some[:, :, at : at + SLAB], of[at : at + SLAB], more - 1) for at in range(0, of.size, SLAB)]
@@ -258,6 +260,7 @@ class Argument:
         self.index = array(arrays, "index", np.uint32, None, rows)
         expect(len(self.index) > 0, "there must be sets", self.index.shape)
         self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, packed)
+        # Whole words are counted and compared, so that bits past the last cell would count as cells.
         beyond = self.pool[:, -1] >> np.uint64(shape[-1] % 64) if shape[-1] % 64 else np.zeros(1)
         expect(not beyond.any(), "the sets must have no cells that there are not", shape[-1])
 
@@ -284,6 +287,7 @@ class Argument:
         arrives = stated.get("arrives", False)
         expect(isinstance(arrives, bool), "arrives must be true or false", arrives)
         if arrives and robot.target is not None and not robot.sensed:
+            # It depends on the place, and on where the state is along the target's axes.
             some = self.known.copy()
             some[robot.target.axes] = True
             self.sites, starts = self.strides_of(some), robot.steps if robot.timed or robot.target.moving else 1
@@ -409,6 +413,7 @@ class Argument:
             if not robot.periodic[k]:
                 np.clip(box[:, row], least, most, out=box[:, row])
                 continue
+            # What goes all around is the whole axis; all else is moved by whole turns.
             full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)
             a[:], b[:] = np.where(full, least, np.clip(a - turns, least, most)), np.where(full, most, b - turns)
             if (over := np.flatnonzero(b > most)).size:
@@ -418,6 +423,7 @@ class Argument:
                 box, of = np.concatenate([box, second], axis=2), np.concatenate([of, of[over]])
         # the first `count` are the boxes themselves, and behind them are parts past a seam, each of box `of`
         found = np.array(bounds(box[0], box[1]))
+        # Where a function is not a number nothing is known of it.
         found[0][np.isnan(found[0])], found[1][np.isnan(found[1])] = -np.inf, np.inf
         for row in range(found.shape[1]) if len(of) > count else ():
             np.minimum.at(found[0, row], of[count:], found[0, row, count:])
@@ -603,6 +609,7 @@ class Argument:
         places = np.arange(self.low.shape[2])
         whole = np.array([robot.lower, robot.upper])[:, :, None]
         boxes = np.where(self.known[:, None], self.ends(self.cells_at(places, self.strides)), whole)
+        # E may be as much less as it was rounded when it was written.
         allowed = (self.off - robot.error) * (1 + 1e-12) + ROUNDED * self.scale
         begins = [step * robot.delta + stride * at for step in range(robot.steps) for at in range(STRIDES)]
         inputs = range(robot.count if robot.delay else 0)
@@ -788,6 +795,7 @@ class Argument:
         start, places = min(step, len(self.low) - 1), self.strides @ cells
         first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
         inside = all_in(first, past)
+        # What has left over a safe end need not be in a set.
         for k in range(len(cells)):
             n = self.counts[k]
             inside |= (past[k] < 0) & self.safe[k, 0] | (first[k] > n) & self.safe[k, 1]
@@ -821,6 +829,7 @@ class Argument:
 
         Boxes end with the grid, and go around where an axis closes.
         """
+        # In the order of the corners: a bit of a corner's number tells whether it is the far one along an axis.
         below, size = [np.zeros(first.shape[1], np.int64)], np.ones(first.shape[1], np.int64)
         for k, (n, a, b) in enumerate(zip(self.counts.tolist(), first, past, strict=True)):
             if self.problem.periodic[k]:
@@ -856,6 +865,7 @@ class Argument:
         """
         wrong = self.uncovered()
         yield Claim(COVER, self.problem.ndim, self.problem.ndim, wrong)
+        # Of cells that do not cover the grid no other claim would mean anything.
         if wrong:
             return
         size = math.prod(self.counts.tolist())
@@ -893,6 +903,7 @@ class Argument:
         found, left = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}, list[Asked]()
         chosen = chosen.reshape(self.counts)
 
+        # Two, as moves ask of a step and of all steps in turn.
         @lru_cache(maxsize=2)
         def of_steps(step: int | None) -> Array:
             """The cells of which something is claimed at a step, or None: at any."""
@@ -922,6 +933,7 @@ class Argument:
         with np.errstate(all="ignore"):
             for pieces in FINENESS:
                 self.take_out(start, j, pieces, left)
+        # What none of these proved.
         for each in left:
             found[each.name].fail(each.what, each.cells)
         return found

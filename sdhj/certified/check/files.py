@@ -72,6 +72,7 @@ class Arrays:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Read a file or folder and compare all of its bytes; `Damaged` where one is not what was written."""
         folder = os.path.isdir(path)
+        # Users may name a link to a file; within a folder each must be a file itself.
         image = mapped(os.path.join(path, "problem.json") if folder else os.path.realpath(path))
         begin, size = (0, len(image)) if folder else first_of_zip(image)
         text = bytes(image[begin : begin + min(size, MOST_TEXT)])
@@ -83,6 +84,7 @@ class Arrays:
             for one in self.stated.values():
                 one.packed, one.as_it_lies = None, one.sha256
         packed = [one for one in self.stated.values() if one.packed is not None]
+        # Before anything is unpacked, which might not fit in any memory.
         most = max(MOST_UNPACKED, MOST_TIMES * sum(one.packed for one in packed))
         if sum(one.size for one in packed) > most:
             raise ValueError("its arrays must not be packed so closely")
@@ -138,6 +140,7 @@ def mapped(path: str) -> memoryview:
         about = os.fstat(stream)
         if not stat.S_ISREG(about.st_mode):
             raise Damaged(f"{path} must be a file")
+        # Nothing at all cannot be mapped.
         return memoryview(mmap.mmap(stream, 0, access=mmap.ACCESS_READ) if about.st_size else b"")
     finally:
         os.close(stream)
@@ -187,4 +190,5 @@ def parts_of_zip(image: memoryview, text: bytes, stated: list[Stated]) -> Iterat
     end = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, count, count, len(entries), at)
     end += struct.pack("<IIQI", 0x07064B50, 0, at + len(entries), 1)
     end += struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, 0xFFFF, 0xFFFF, ALL, ALL, 0)
+    # All bytes up to the end, so that a zip has nothing else in it.
     expect_same(image[at:], entries + end, "its zip")

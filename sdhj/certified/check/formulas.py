@@ -93,6 +93,7 @@ class Reader:
             if self.is_truth(node):
                 self.truths.add(len(self.nodes))
             self.nodes.append(node)
+        # Never reached, as the last line returns.
         raise AssertionError
 
     def node(self, name: str, words: list[str]) -> Node:
@@ -113,6 +114,7 @@ class Reader:
             exponent = int(words[1]) if EXPONENT.fullmatch(words[1]) else MOST_EXPONENT + 1
             self.expect(abs(exponent) <= MOST_EXPONENT, f"an exponent must be from -{MOST_EXPONENT} to {MOST_EXPONENT}")
             return Node(name, operands, (exponent,))
+        # Other operations may take truth values, as 0 and 1.
         truths = operands[:1] if name == "where" else operands if name in ("and", "or", "not") else ()
         self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")
         # as a product of two unknowns it could seem negative
@@ -127,6 +129,7 @@ class Reader:
 
     def gridded(self, words: list[str]) -> Node:
         """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand."""
+        # A table's number, `lower` and `spacing`, and three words for each operand.
         axes = (len(words) - 3) // 3
         fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
         fits = fits and (words[1 + axes], words[2 + 2 * axes]) == ("lower", "spacing")
@@ -195,6 +198,7 @@ class Formula:
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
+            # A constant is the least and the greatest of itself.
             least, most = parameters[node.given[0]] if node.name == "p" else node.given * 2
             return np.array(least), np.array(most)
         if node.name == "gridded":

@@ -127,6 +127,7 @@ def size(a: Interval) -> Interval:
 def raised(x: Array, n: int) -> Interval:
     """Bounds on x^n for numbers x >= 0 and a whole n >= 1, by squares and products, each rounded outward."""
     low = high = x
+    # Squared for each binary digit behind the first, and multiplied where it is 1.
     for bit in f"{n:b}"[1:]:
         low, high = above(0.0, *outward(low * low, high * high, least=TINY))
         if bit == "1":
@@ -167,6 +168,7 @@ def rising(
 
     def rule(a: Interval) -> Interval:
         low, high = outward(function(a[0]), function(a[1]), UNITS, TINY)
+        # Rounded outward it may have left the range of the function.
         return np.maximum(low, least), np.minimum(high, most)
 
     return rule
@@ -190,6 +192,7 @@ def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Inter
 
     def rule(a: Interval) -> Interval:
         begin, end = a[0] / (2 * np.pi) - hill, a[1] / (2 * np.pi) - hill
+        # A hill as near an end as this counts as within: rounding may hide it.
         doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
         hills = np.floor(end + doubt) >= np.ceil(begin - doubt)
         valleys = np.floor(end + 0.5 + doubt) >= np.ceil(begin + 0.5 - doubt)

@@ -84,6 +84,7 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
         expect_room(arrays.nbytes)
         own, named = digest(arrays.head, arrays), arrays.head["digest"]
         expect(named == own, f"its head must name the problem that it describes, {own}", named)
+        # What callers do with them is tried here, too: their errors are told as the file's.
         yield arrays.head, arrays
     except Damaged as error:
         raise ValueError(

@@ -98,6 +98,7 @@ def named(step: int, cell: Any, counts: Array) -> str:
 def claims_made(sets: Argument) -> int:
     """How many claims there are, as `Argument.claims` counts them."""
     robot, steps = sets.problem, range(sets.problem.steps)
+    # As `Argument.claims`: axes that are covered, sets that grow, and predictions of each input.
     out = robot.ndim + len(sets.pairs) + robot.count * robot.sensed
     inputs = np.packbits(np.ones(robot.count, np.bool_), bitorder="little")  # other bits of marks are of none
     answers = [(sets.low, sets.known), *((one.bits, one.own) for one in sets.clear), (sets.arrives, sets.sites > 0)]
@@ -108,6 +109,7 @@ def claims_made(sets: Argument) -> int:
             out += int(asked.sum()) * robot.count if array is sets.low else bits_of(array[step][asked] & inputs)
     for step, within in sets.pairs:
         out += bits_of(sets.pool[sets.row(step, within)])
+        # Only new cells are claimed, those that n - 1 has not.
         if within and robot.target is not None:
             out -= bits_of(sets.pool[sets.row(step, within - 1)])
     return out
@@ -169,6 +171,7 @@ def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
     begin, wide = np.array(both).swapaxes(0, 1)
     left = np.arange(begin.shape[1])
     for by in np.ndindex(*wide.max(axis=1, initial=1)):  # of the widest box
+        # Smaller boxes ask about their last cell again.
         by_own = np.minimum(np.array(by)[:, None], wide[:, left] - 1)
         *rows, last = (begin[:, left] + by_own) % sets.counts[:, None]
         number = np.ravel_multi_index(rows, sets.counts[:-1]) if rows else np.zeros(left.size, np.int64)

@@ -115,6 +115,7 @@ class BlackBox:
 
         # as `BlackBox.bounds` of the solver does, with as much for rounding
         value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
+        # How large values may be, as rounding is a share of them.
         size = np.abs(value) + change(np.abs(low + high) / 2, abs(sum(times)) / 2)
         each = change((high - low) / 2, (times[1] - times[0]) / 2) * (1 + BOX_ROUNDED) + BOX_ROUNDED * size
         return sure(value - each, value + each)
@@ -445,6 +446,7 @@ def written(
         return (9 if node.given[0] >= 0 else 3), repr(node.given[0])
     if node.name in SIGNS:
         binds, sign = SIGNS[node.name]
+        # Operations of one strength go from left to right: at the right such an operand needs parentheses.
         return binds, f"{within(0, binds)} {sign} {within(1, binds + 1)}"
     if node.name == "neg":
         return 3, f"-{within(0, 5)}"

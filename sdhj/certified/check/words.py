@@ -71,6 +71,7 @@ class Words:
         parts, at = list[bytes](), HEAD
         for length in (*lengths, body_bytes, images, tests * (2 * ndim + 2)):
             parts.append(data[at : at + length])
+            # Each part begins at a multiple of 8 bytes.
             at += -(-length // 8) * 8
         expect(at == size and len(parts[7]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
         self.images = _arrays(parts[6], shapes)
