@@ -126,6 +126,7 @@ def solve(
                 raise ValueError(no_store)
             with _bar(problem, chosen, progress) as bar:
                 solve_stored(sets, store, resume, client, bar.update)
+            # It has just been written.
             return load(store, problem=problem if problem.opaque else None, check=False)
         with _bar(problem, chosen, progress) as bar:
             _fill(sets, problem, bar)
@@ -134,6 +135,7 @@ def solve(
         if isinstance(table, CertifiedTable):
             said = {"checked": [*table.looked_over()], "seconds": time.perf_counter() - started}
         said |= _simulated_at_the_end(table) if play else {}
+        # Without the class of the warning, which JSON does not write.
         said |= {"findings": [list(one[:3]) for one in found]} if found else {}
         return table.with_details(dict(table.details) | said) if said else table
 

@@ -225,6 +225,7 @@ class Traced(NDArrayOperatorsMixin):
             return np.floor_divide(*inputs), np.remainder(*inputs)
         if method not in ("__call__", "outer") or options:
             raise _unknown(ufunc.__name__ if method == "__call__" else f"{ufunc.__name__}.{method}", options)
+        # Python repeats a list so many times, and asks NumPy where the number is traced.
         whole = any(isinstance(one, Traced) and not one.ndim and one.dtype != FLOAT for one in inputs)
         if ufunc is np.multiply and whole and any(isinstance(one, list | tuple) for one in inputs):
             raise NotTraced("a list times a whole number, which repeats it", "np.array(list) * number multiplies")
@@ -441,6 +442,7 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
         return Traced(mapped(LOGICAL[ufunc], *map(_truths, arrays)), TRUTH)
     if dtype == TRUTH and ufunc in COMPARED:
         return COMPARED[ufunc](*arrays)
+    # Whole numbers are computed as floats, so only where that is exact (`Rule.whole`).
     if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
         return Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype)
     if ufunc in MADE and dtype == FLOAT:

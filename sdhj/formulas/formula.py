@@ -127,6 +127,7 @@ class Formula(Remembering):
             points = points.copy()
         # a row for each result, as kernels write them; callers get a row for each point
         out = np.empty((len(self.outputs), len(points)))
+        # `_play` says whether all values are finite.
         if not _play(self.tape, points, given, out) and finite:
             row = int(np.argmin(np.isfinite(out).all(axis=0)))
             value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(map("{:g}".format, given))
@@ -255,6 +256,7 @@ class Formula(Remembering):
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
+        # For each of the rows with which the caller traces, a copy of the graph with its entries.
         for row, column in enumerate(columns):
             put = {leaf("x", k): entry for k, entry in enumerate(column)}
             put |= {leaf("p", k): one for k, one in enumerate(given)}
@@ -283,6 +285,7 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     lookups, tables, flat = list[tuple[Node, list[int]]](), dict[str, int](), list[FloatArray]()
     for i, one in enumerate(order):
         used = [slots[arg] for arg in one.args]
+        # A slot is free after its last reader; those of results are never.
         for arg in dict.fromkeys(one.args):
             if last[arg] == i:
                 free.append(slots[arg])
@@ -297,6 +300,7 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
             lookups.append((one, used))
         else:
             code[i, 2 : 2 + len(used)] = used
+            # Operations of one operand are played with it twice.
             if len(used) == 1:
                 code[i, 3] = used[0]
         if one.op in ("x", "p"):
@@ -307,12 +311,14 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     found, places = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12))
     for row, (one, used) in enumerate(lookups):
         table, n = one.value, len(used)
+        # Tables of the same values lie in the tape once.
         if table.digest not in tables:
             tables[table.digest] = sum(level.size for level in flat)
             flat += [table.values, *tapes.pyramid(table.values)]
         found[row, 0], found[row, 1 : 1 + n], found[row, 7 : 7 + n] = n, used, table.values.shape
         found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table.digest], table.lower, table.spacing
     results = np.array([slots[one] for one in outputs], np.int64)
+    # An empty list has no type in compiled code.
     return code, np.array([top]), results, found, value, places, flat or [np.zeros(1)]
 
 

@@ -39,6 +39,7 @@ class Lookup:
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
         """A checked table; one number `lower` and `spacing` for each axis. Values are shared where that is safe."""
         known = values if isinstance(values, Lookup) else None
+        # Before anything is copied.
         if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
             raise ValueError(
                 f"a table of shape {values.shape} takes {size:,} bytes, and those of a problem at most {MOST_TABLES:,} "
@@ -59,6 +60,7 @@ class Lookup:
         if known:
             return cls(array, low, step, known.digest)
         array.setflags(write=False)
+        # With the shape, which the bytes alone do not tell.
         digest = blake2b(repr(array.shape).encode(), digest_size=16)
         digest.update(array.data.cast("B"))
         return cls(array, low, step, digest.hexdigest())

@@ -135,6 +135,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 def at_most(a: Node, b: Node) -> bool:
     """Whether |a| <= |b| is plain from the form of the two nodes, wherever both are defined."""
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
+    # As long as an operation is never larger than its operand.
     while RULES[a.op].shrinks:
         a = a.args[0]
         sizes.add(a)

@@ -148,6 +148,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     lines, named = list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
+        # A negative number binds as a minus before it does.
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
         binds = -1 if text[arg] in named else RULES[op].binds
         return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"

@@ -29,6 +29,7 @@ def draw_records(ax: Axes, found: RecordedBounds, component: int = 0) -> None:
     >>> plotting.draw_records(ax, sdhj.bounds_from_records(problem, records, error=0.0))
     """
     peaks = np.sort(found.peaks[:, component])
+    # A step up at each peak, to the share of the peaks that are no larger.
     ax.step(peaks, np.arange(1, len(peaks) + 1) / len(peaks), where="post", color=INK, gid="peaks", label="records")
     least, bound = found.least[component], found.bounds[component]
     ax.axvline(least, color=FAINT, linestyle=":", gid="least", label="no error explains it")

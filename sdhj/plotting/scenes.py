@@ -99,6 +99,7 @@ def draw_workspace(
         ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
     else:
         ax.plot(0, 0, "s", color=FAINT, markersize=3)
+    # Room for wherever the arm, and the pursuer or evader, may be.
     half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
     limits = (-half_side, half_side)
     ax.set(xlim=limits, ylim=limits, aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")

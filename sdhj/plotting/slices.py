@@ -249,6 +249,7 @@ def draw_tubes(
     grid, most = table.grid, table.steps - whole("start", start, least=0, most=table.steps)
     within = most if within is None else min(within, most)
     where = plane(grid, through, axes, resolution)
+    # By all steps of the table, so that n has one colour in all pictures.
     colours = step_colours(table.steps)
     # the largest first, each smaller one above it
     for n in range(within, -1, -1):
@@ -256,6 +257,7 @@ def draw_tubes(
         looks = {"facecolor": colours[n], "edgecolor": "#333333", "linewidth": 0.45}
         draw_set(ax, where, values, looks, f"tube-{n}", zorder=1.0 + (within - n) / (table.steps + 1))
     if unsafe:
+        # Outlines above all tubes, whose orders end at 2.
         for unsafe_set in table.problem.unsafe:
             outline = look(unsafe_set.name) | {"facecolor": "none"}
             draw_set(ax, where, where.true(unsafe_set, start * table.problem.delta), outline, unsafe_set.name, 2.5)
@@ -305,6 +307,7 @@ def draw_path(
     >>> plotting.draw_path(ax, grid, np.array([[0.1, 0.1], [0.5, 0.4]]))
     """
     looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
+    # The frame stays that of the grid, wherever a path goes.
     ax.plot(*unwrapped(grid, states, axes).T, scalex=False, scaley=False, **looks)
     if marks is not None and len(marks):
         dots: dict[str, Any] = {"markeredgecolor": OUTCOME_INK, "markersize": 3.6, "zorder": 6.5, "gid": "marks"}

@@ -65,6 +65,7 @@ def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
         swept = unsafe_set.swept(points, t0, t1)
         for t in (t0 + INSTANTS * lasting).tolist():
             excess = swept - unsafe_set.level_set(points, t)
+            # What may be rounding is excused.
             if excess.max() > EXCUSED * float(np.abs(swept).max()):
                 worst = points[int(excess.argmax())].tolist()
                 raise ValueError(

@@ -88,6 +88,7 @@ class Grid(Remembering):
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
+        # Who gave none is told where an axis seems to be an angle (`_angle_findings`).
         object.__setattr__(self, "ends_not_given", periodic is None and ends is None)
         periodic, ends = [False] * ndim if periodic is None else periodic, next(iter(ENDS)) if ends is None else ends
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names

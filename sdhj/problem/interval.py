@@ -237,6 +237,7 @@ class Interval(ReadOnly):
             ends = [replace(self, delta=delta)._greatest_along(states, begin, directions) for delta in lasting]
             far = np.maximum.reduce(ends) + np.abs(directions) @ (self.widening + np.zeros(self.grid.ndim))
             moved, later = self._displacements_by_two_rules(states, begin)
+            # In rows of `ndim` numbers, of which the last is filled up with zeros.
             terms = np.pad(far, [(0, 0), (0, 0), (0, -far.shape[2] % self.grid.ndim)])
             low, high, *more = np.split(terms, terms.shape[2] // self.grid.ndim, axis=2)
             return np.stack([-low, high, *np.broadcast_arrays(moved, later - moved), *more], axis=1)
@@ -312,6 +313,7 @@ class Interval(ReadOnly):
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):
             if dynamics.oblique:
+                # What is oblique is not in the box: `_half_segments` has it.
                 some = dynamics.bounds_at(j, self.begin) * ~np.isin(
                     np.arange(dynamics.disturbance_dim), dynamics.oblique
                 )
@@ -440,6 +442,7 @@ class Interval(ReadOnly):
             return self._boxes_of_pieces(j, axes, t)
         else:
             f, b = self._modes(j, axes, t)
+        # The box around all that v may do.
         spread = np.abs(b).sum(axis=2)
         lower, upper = f - spread, f + spread
         hull = lower.min(axis=0), upper.max(axis=0)
@@ -486,6 +489,7 @@ class Interval(ReadOnly):
             self.dynamics.pieces_of_components(axes),
         )
         grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
+        # Before the first of them is computed.
         if count > 1:
             require_memory(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
         points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
@@ -501,6 +505,7 @@ class Interval(ReadOnly):
         if count == 1:
             return Velocities(lows[0], highs[0])
         low, high = np.array(lows), np.array(highs)
+        # A box is its middle, and a gain of half of its width along each axis.
         gain = np.zeros((count, len(axes), *low.shape[1:]))
         for axis in range(len(axes)):
             gain[:, axis, axis] = (high[:, axis] - low[:, axis]) / 2
@@ -514,6 +519,7 @@ class Interval(ReadOnly):
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
         bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:
+            # Component by component, as each is computed on the axes that it reads alone.
             for row, axis in enumerate(axes):
                 sampled[row, 0] = self._values_at_nodes(dynamics.component("drift", j, axis), seen, t)
                 for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():

@@ -103,7 +103,9 @@ def least_of_cells(grid: Grid, least: Callable[[FloatArray, FloatArray], FloatAr
         if not periodic:
             values = np.pad(values, [(1 * (k == axis), 1 * (k == axis)) for k in range(grid.ndim)], "edge")
         before, behind = grid.edges(values, axis)
+        # The least of the cells on both sides.
         values = np.minimum(np.roll(values, 1, axis), values) if periodic else np.minimum(before, behind)
+    # 0 may be in the set, so that a node with it counts as inside.
     return np.where(values == 0.0, -ON_BOUNDARY, values)
 
 

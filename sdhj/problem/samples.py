@@ -125,6 +125,8 @@ def _at_nodes(part: TargetSet | UnsafeSet, grid: Grid, t0: float, t1: float | No
             found = least_of_cells(grid, partial(part.least, t0=t0, t1=t1, view_time=view_time))
             if np.isfinite(found).all():
                 return found
+        # Without bounds, the least of values within the cells.
         return least_in_cells(grid, lambda points: checked_values(function(points), points, part.name))
     values = closed(grid, sampled_on(grid, function, part.name), function, part.name)
+    # Steeper inside, so that interpolation puts the boundary farther out.
     return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values

@@ -123,6 +123,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         runs.end_reached(end, last)
         self.now = end
         self.outcome = OUTCOMES[runs.outcomes[0]] if runs.outcomes[0] != UNDECIDED else "late" if last else ""
+        # Being late ends the table and not the task, which Gymnasium tells apart: truncated, not terminated.
         finished, late = self.outcome != "", self.outcome == "late"
         info = self._info() | {"applied": applied, "overruled": applied != int(action)}
         return self._observed(), REWARDS[self.outcome], finished and not late, late, info

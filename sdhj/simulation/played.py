@@ -109,6 +109,7 @@ def _played(
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
+            # The first that a run meets is kept.
             places.setdefault(int(moment.runs[row]), _place_of_failure(table, states[row], at, met, j))
 
     outcomes, _ = rollouts(controller, starts, play, rng, watch, steps=play_length(controller, steps))
@@ -188,6 +189,7 @@ def _check_staying_clear(table: Table, runs: int) -> dict[str, Any]:
     Half of them begin within a cell of the boundary, where errors of a grid add up from step to step.
     """
     controller, rng, play = Controller(table), np.random.default_rng(0), ADVERSARIES["greedy"]
+    # Half of the runs begin anywhere in the tube, half beside its boundary.
     half = -(-runs // 2)
     found = _played(controller, admissible_states(controller, half, rng), play, rng)
     if found.interval[0] > ALARMING:

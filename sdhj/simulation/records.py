@@ -165,6 +165,7 @@ def bounds_from_records(
     seen, known = _measured(problem, tables, miss, error, rest, better)
     # of `seen`, which may be records of a better sensor, the states alone count: inputs are those of `tables`
     joined = [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)]
+    # What a better sensor has seen has no error.
     pushes, blur, beyond = _pushes(problem, joined, np.zeros(ndim) if better is not None else known)
     peaks, least = _peaks(pushes, [len(one) - 1 for one in tables]), np.maximum((pushes - blur).max(axis=0), 0.0)
     bounds, exceeding = _upper_bounds(peaks, miss), chance(len(tables), D, confidence)

@@ -161,6 +161,7 @@ class Runs:
             return
         batch = self.controller.answers(self.predictions[alive], step)
         inputs = self.controller.choose(batch, self.previous_inputs[alive])
+        # Below 0 where no input is safe.
         self.outcomes[alive[inputs < 0]] = LEFT
         self.simulate_inputs(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
 
@@ -194,6 +195,7 @@ class Runs:
         if sensing:
             end, delay = self.begin_time(number + 1, next_offset), sensing.delay
             length = end - begin
+            # At least one substep on each side of the measurement.
             after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
             begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
         states, ended, v = play_interval(begun, self.play, self.watch, range(SUBSTEPS - after))
@@ -202,6 +204,7 @@ class Runs:
             rest: dict[str, Any] = {"time": end - delay, "remaining": delay, "duration": delay / after}
             later = replace(begun, states=states, previous=v, **rest)
             states, then, _ = play_interval(later, self.play, self.watch, range(SUBSTEPS - after, SUBSTEPS))
+            # What has ended before the measurement has ended so.
             ended = np.where(ended == UNDECIDED, then, ended)
         self.states[rows], self.outcomes[rows], self.offsets[rows], self.previous_inputs[rows] = (
             states,
@@ -231,6 +234,7 @@ def rollouts(
     """Outcomes, indices into `OUTCOMES`, and numbers of intervals of a run from each start: (M,) each."""
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, first_tubes_only=steps is not None)
+    # By offsets, as sets may move and runs of another offset begin at another time.
     for offset in np.unique(runs.offsets):
         some = np.flatnonzero(runs.offsets == offset)
         runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begin_time(0, offset)) <= 0]] = COLLIDED

@@ -343,6 +343,7 @@ class Folder:
             container.begin_array(self.path, name, values.dtype.name, values.shape)
             self.write(name, 0, values)
         shapes = {name: (values.dtype.name, values.shape) for name, values in arrays.items()}
+        # Of tubes and marks as many as the index names, as equal ones are shared.
         for name in ARRAYS:
             shape = parts.shape(name)
             shapes[name] = parts.kind(name).name, (stored, *shape[1:]) if name in ("tubes", "marks") else shape
@@ -514,6 +515,7 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
             f"{found.path} exists already; go on with it by resume=True, remove it, or choose another name"
         )
     if there and (found.path / container.HEAD).exists():
+        # Finished already: there is nothing to solve.
         check_finished(found, sets)
         return found
     if there:

@@ -125,6 +125,7 @@ def _hidden_finding(samples: Samples, unsafe_set: UnsafeSet, t: float, so: str =
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
+        # Beside a node that is in the set, the grid sees it as well as it can.
         seen = seen | neighbour(grid, seen, axis, -1, False) | neighbour(grid, seen, axis, 1, False)
     # where the least value at the corners is at most half the sum, over the axes, of the largest change between
     # neighbours; those of least value first, so that what is overlooked for `SOUGHT` is least likely

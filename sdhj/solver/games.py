@@ -449,6 +449,7 @@ class HopfLaxGames(_OnAxes):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
             parts = (0, self.duration), (0, self.duration / 2), (self.duration / 2, self.duration)
             whole, first, second = (np.array(interval.displacement_boxes(*part)) for part in parts)
+            # What the whole and its two halves differ by, instants have missed.
             if (np.abs(whole - first - second) > np.array(samples.grid.spacing) / 100).any():
                 raise too_restless_error(self.duration)
         # crossed along each axis of the samples' grid in an interval

@@ -295,6 +295,7 @@ class GridParts:
         start = np.full(tube.shape, np.inf, tube.dtype) if problem.has_no_target else before
         for reach_sets in self._reach_sets(values, step, *some):
             rows.add(tube, marks, reach_sets, step, start)
+            # From the second group of inputs on, the tube is lowered further.
             start = tube
         # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
         if problem.has_no_target:
@@ -391,6 +392,7 @@ class GridSets:
         met, avoid = set[int](), dict[str, FloatArray]()
         for name in parts.axes:
             avoid[name] = np.empty(shapes[name], parts.dtype)
+            # Without such sets nothing is ever met.
             if not parts.axes[name]:
                 avoid[name].fill(-np.inf)
                 continue

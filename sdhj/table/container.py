@@ -206,6 +206,7 @@ def write_zip(out: BinaryIO, head: Mapping[str, Any], arrays: Mapping[str, Float
         data = values.astype(values.dtype.newbyteorder("<"), copy=False).reshape(-1).view(np.uint8).data
         every: list[memoryview | bytes] = [header(kind, shape), *parts_of(data)]
         found, crc = hashlib.sha256(), 0
+        # -15: without a header of its own, as files in a zip are packed.
         packer, packed = zlib.compressobj(1, zlib.DEFLATED, -15), list[bytes]()
         for piece in every:
             found.update(piece)

@@ -114,6 +114,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
     ends = interval.reachable_points(state, corners)[0]
     margins = _margins(table, state, interval.reachable_points(state, middles)[0], step, within - 1)
     hazards, batch = table.hazards(state, step)[0], table.batch(state, step, within)
+    # Those that leave one step less, as the tube asks of them.
     safe = batch.safe[0] & (batch.steps_after[0] == within - 1) if inside else np.zeros(len(margins), np.bool_)
     failures = [
         _failure(table, state, j, step, within - 1, hazards[j], margins[j], ends[j])

@@ -288,6 +288,7 @@ def fewest_disks(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> 
     That needs radii above half of the squares' diagonals, as `covering_disks` makes them.
     """
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
+    # Others do not have even their own square.
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
     covers = np.ones((len(able), len(squares)), np.bool_)
     for k in range(len(QUARTERS)):

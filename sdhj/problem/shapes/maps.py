@@ -149,6 +149,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise file_error(path, "the YAML file of a map", error) from error
     grey, opaque = read_image(path.parent / image)
+    # What is dark is occupied, unless the map says `negate`.
     darkness = (grey if words[negate.lower()] else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
     if (grey[~blocked] == UNKNOWN_GREY).any():
@@ -186,6 +187,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
             require_whole(data, image)
             if image.mode.startswith("I"):  # 16 bits
                 grey = np.asarray(image, dtype=np.float64)
+                # 65535 / 257 is 255.
                 return grey / 257.0, grey != image.info.get("transparency", -1)
             pixels = np.asarray(image.convert("RGBA"))
     except (OSError, ValueError, SyntaxError, *bombs) as error:
