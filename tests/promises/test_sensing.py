@@ -61,6 +61,15 @@ def test_the_closed_form(sensing, method, off):
         assert inside.tolist() == [True, True, False, False]
 
 
+@pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[1600])], ids=["hji", "certified"])
+def test_who_has_arrived_is_clear_at_every_instant_of_the_jitter(method):
+    """The wall is at 0.9 - 0.4 t and the input may start 0.1 s late: at t_1 = 0.5 s a state needs to be below 0.66."""
+    problem = toys.interval_problem(nodes=161, wall=0.9, rate=-0.4, disturbance=0.0)
+    for jitter, wall in ((0.0, 0.7), (0.1, 0.66)):
+        table = sdhj.solve(replace(problem, sensing=Sensing(jitter=jitter, memory=False)), method, play=False)
+        assert table.contains([[wall - 0.01], [wall + 0.01]], start=1, within=0).tolist() == [True, False]
+
+
 REST = 2  # the input +1 is held until the first chosen one starts
 
 
