@@ -410,6 +410,15 @@ def test_a_slip_that_grows_with_speed_widens_the_boxes_of_fast_inputs():
     np.testing.assert_allclose(problem.interval(2).bounds(np.array([2, 0]), 0.0), [[0.6], [0.1]], rtol=0, atol=ROUNDING)
 
 
+def test_boxes_hold_a_push_that_grows_within_the_interval():
+    """dq = q / 10 + v, |v| <= 1/2 + 2 t: in 1/2 s from 0 as far as 1/4 + 1/4 and more, by the first push alone 1/4."""
+    dynamics = Dynamics([[0.0]], lambda q, u: q / 10, [[1.0]], lambda t: [0.5 + 2 * t])
+    interval = Interval(Grid([-9.0], [9.0], [9]), dynamics.read(1), 0.0, 0.5)
+    low, high = interval.reachable_boxes(np.zeros((1, 1)))
+    far = 0.5 * 10 * np.expm1(0.05) + 2 * 100 * (np.expm1(0.05) - 0.05)  # the integral of e^((1/2 - t) / 10) |v|
+    assert far > 0.5 and high[0, 0, 0] >= far and low[0, 0, 0] <= -far
+
+
 @pytest.mark.parametrize("begin", [0.0, 0.6])
 def test_state_dependent_boxes_hold_what_the_adversary_can_do(begin, rng):
     """A field that turns: 400 paths of switching adversaries for each state and input, integrated by hand.
