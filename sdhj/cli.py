@@ -160,7 +160,7 @@ def solve_command(
     """
     counts = None if cells is None else numbers("cells", cells, int)
     of_cells: dict[str, Any] = {"cells": counts, "seconds": seconds}
-    of_cells = {name: given for name, given in of_cells.items() if given is not None}
+    of_cells = {name: value for name, value in of_cells.items() if value is not None}
     if of_cells and method not in (None, Certified.name):
         raise ValueError(
             f"--{next(iter(of_cells))} needs --method certified, got --method {method}; leave out one of them"
@@ -216,11 +216,11 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
         raise ValueError(f"--start must be {controller.problem.grid.ndim} finite numbers, got {reprlib.repr(start)}")
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
     # the states of a run that belong to one input
-    inputs, held = controller.problem.inputs, len(trajectory.states) // max(len(trajectory.inputs), 1)
+    inputs, per_input = controller.problem.inputs, len(trajectory.states) // max(len(trajectory.inputs), 1)
     for i, (t, at) in enumerate(zip(trajectory.times, trajectory.states, strict=True)):
         line = f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at)
-        if held and i % held == 0 and i // held < len(trajectory.inputs):
-            j = int(trajectory.inputs[i // held])
+        if per_input and i % per_input == 0 and i // per_input < len(trajectory.inputs):
+            j = int(trajectory.inputs[i // per_input])
             line += f"  input {j}: ({', '.join(format(u, 'g') for u in inputs[j])})"
         click.echo(line)
     click.echo(f"outcome: {outcome_name(trajectory.outcome, controller.problem.has_no_target)}")

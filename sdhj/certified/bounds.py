@@ -189,12 +189,12 @@ def _boxes_in_batches(
     """Yield (at, lower, upper) for runs of at most `BOXES` of the flat numbers `places` (n,), one after the other."""
     sizes = np.array([ends.size for ends in low])
     # Padded to the most intervals of an axis, as `boxes_of_product` takes one array.
-    ends = np.zeros((2, len(low), sizes.max()))
+    padded = np.zeros((2, len(low), sizes.max()))
     for side, k in np.ndindex(2, len(low)):
-        ends[side, k, : sizes[k]] = (low, high)[side][k]
+        padded[side, k, : sizes[k]] = (low, high)[side][k]
     for begin in range(0, places.size, BOXES):
         at = places[begin : begin + BOXES]
-        boxes_of_product(at, ends, sizes, boxes := np.empty((2, at.size, len(low))))
+        boxes_of_product(at, padded, sizes, boxes := np.empty((2, at.size, len(low))))
         yield at, boxes[0], boxes[1]
 
 

@@ -238,9 +238,9 @@ class _Cell:
             return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
         # Of several the one that may be met first.
         name = min(depths, key=lambda one: int(np.argmax(depths[one] <= 0)))
-        at, deep = int(np.argmax(depths[name] <= 0)), float(depths[name].min())
-        says = f"it may meet {name} from {self.cuts[at]:.4g} to {self.cuts[at + 1]:.4g} s, by up to {-deep:.3g}"
-        return Failure(j, name, deep, says)
+        at, deepest = int(np.argmax(depths[name] <= 0)), float(depths[name].min())
+        says = f"it may meet {name} from {self.cuts[at]:.4g} to {self.cuts[at + 1]:.4g} s, by up to {-deepest:.3g}"
+        return Failure(j, name, deepest, says)
 
     def depths(self, j: int, box: FloatArray) -> Iterator[tuple[str, FloatArray]]:
         """Yield for each end and unsafe set its name and how far the tube of a box (2, ndim) stays from it: (parts,).

@@ -333,7 +333,7 @@ def file_of(
     )
     if sum(map(len, parts)) + 1024 >= 1 << 32:
         raise ValueError("a file has room for 4 GB, and these words take more; use fewer cells, or export less (only)")
-    body = b"".join(part.ljust(-(-len(part) // 8) * 8, b"\0") for part in parts)
+    parts_of_file = b"".join(part.ljust(-(-len(part) // 8) * 8, b"\0") for part in parts)
     flags = sum(1 << FIELDS.index(one) for one in fields)
     each = 1 if problem.time_invariant else table.steps + 1
     numbers = (ndim, *inputs.shape, table.steps, each, flags, brake, packer.known.shape[1], packer.used)
@@ -347,11 +347,11 @@ def file_of(
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
     tail += b"".join(struct.pack("<6d", *map(float, one), *[0.0] * (6 - ndim)) for one in reals)
     tail += struct.pack("<2d", problem.delta, 0.0)
-    digest = hashlib.sha256(tail + body).digest()
+    digest = hashlib.sha256(tail + parts_of_file).digest()
     head = b"sdhjcell" + struct.pack("<I", 2 if images else 1)
     # from byte 16 on; at 96 there is the problem's digest, at 128 that of all from 160 on
-    rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(body), *numbers).ljust(80, b"\0")
-    rest += bytes.fromhex(problem.digest)[:32].ljust(32, b"\0") + digest + tail + body
+    rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(parts_of_file), *numbers).ljust(80, b"\0")
+    rest += bytes.fromhex(problem.digest)[:32].ljust(32, b"\0") + digest + tail + parts_of_file
     return head + struct.pack("<I", zlib.crc32(head + rest)) + rest
 
 

@@ -87,9 +87,9 @@ def counted_boxes(
     sway = np.where(sway[list(unsafe_set.axes)] < pitch, sway[list(unsafe_set.axes)], 0.0)
     scale = np.array([axes[axis].scale for axis in unsafe_set.axes])
     wider = sway + MARGIN_OF_BOXES * scale
-    corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
+    corner = [begin + side * np.arange(size) for begin, side, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
-    high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
+    high = [begin + side + more for begin, side, more in zip(corner, pitch, wider, strict=True)]
     some = [~bounds.outside(unsafe_set, low, high, span, HALVINGS_OF_A_BOX) for span in times]
     # of the whole interval, last, where span 0 of `mark_collisions` finds it
     some += [np.any(some, axis=0)] if len(some) > 1 else []
@@ -429,9 +429,9 @@ class GeneralProof(Images):
         """
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
-        for part, boxes in enumerate(each):
+        for number, boxes in enumerate(each):
             # Only where the set moves are there several parts, which come fastest in `first`.
-            some = np.arange(part, len(first), self.parts) if len(each) > 1 else np.arange(len(first))
+            some = np.arange(number, len(first), self.parts) if len(each) > 1 else np.arange(len(first))
             for alike, cells in united(boxes, lattice, first, last, some, len(axes) - 1):
                 for j in filter(unsafe_set.counts, np.unique(alike // self.parts).tolist()):
                     met[j] |= cells

@@ -377,10 +377,10 @@ class Images(Proof):
         )
         length, early = self.problem.sensing.hold(self.problem.delta)
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
-        for part in range(self.parts):
+        for number in range(self.parts):
             tube = [moved[0], moved[1]]
-            cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
-            if part == 0 and self.has_layers:
+            cuts = [length * at / (self.parts * pieces) for at in range(number * pieces, (number + 1) * pieces + 1)]
+            if number == 0 and self.has_layers:
                 cuts.insert(1, length * BESIDE_LAYER)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
@@ -390,7 +390,7 @@ class Images(Proof):
                     ends.append(moved)
                 moved, before = after, after - moved  # what a piece added is a good guess for the next
                 tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]
-            tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
+            tubes[:, number, :, 0], tubes[:, number, :, 1] = tube
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
         last = self._clipped(start, last) if self.problem.sensing.remembers else last + SIDES * self.prediction_error

@@ -269,9 +269,9 @@ class CertifiedTable(Table):
 
         def asked(cells: FloatArray) -> FloatArray:
             # none from those not in this tube
-            held = np.empty(len(cells), np.int64)
-            fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, held)
-            return self.inputs_of(cells, np.where(held == 0, within, 0), step)
+            first = np.empty(len(cells), np.int64)
+            fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, first)
+            return self.inputs_of(cells, np.where(first == 0, within, 0), step)
 
         return self._inputs_of_near_cells(states, asked)
 
@@ -340,12 +340,13 @@ class CertifiedTable(Table):
         some = cells_near(points, self.cells, self.proof.shell, rows, cells)
         rows, cells = rows[:some], cells[:some]
         fewest, each = self.fewest(cells, step), np.arange(some)
-        held = fewest <= left
+        certified = fewest <= left
         steps_tried = (
             [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
         )
         good = [
-            self.inputs_of(cells, np.where(held, steps_left, 0), step)[each, inputs[rows]] for steps_left in steps_tried
+            self.inputs_of(cells, np.where(certified, steps_left, 0), step)[each, inputs[rows]]
+            for steps_left in steps_tried
         ]
         nearest = np.where(good[0], steps_tried[0], left + 1)
         # of several cells within the shell: from which the input is proved, with the fewest steps to go

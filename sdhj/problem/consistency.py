@@ -137,8 +137,10 @@ def check_sensing(problem: Any) -> None:
             f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "
             f"input has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
         )
-    steps, j = range(1 if problem.time_invariant else problem.steps + 1), sensing.jitter
-    if j and (problem.target.moving or problem.dynamics.depends_on_time or problem.view_time == "instantaneous"):
+    steps = range(1 if problem.time_invariant else problem.steps + 1)
+    if sensing.jitter and (
+        problem.target.moving or problem.dynamics.depends_on_time or problem.view_time == "instantaneous"
+    ):
         raise ValueError(
             "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
             'must be "swept" or "sampled"'

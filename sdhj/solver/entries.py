@@ -472,7 +472,7 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
         pass
     free: dict[int, float] = {}
     for one in (told := folder.told(avoid)):
-        free |= {int(at): max(share, free.get(int(at), 0.0)) for at, share in one["free"].items()}
+        free |= {int(at): max(fraction, free.get(int(at), 0.0)) for at, fraction in one["free"].items()}
     tell_of_never_met(problem, {position for one in told for position in one["met"]})
     sets.look_over(folder.goal, free)
     # one row is a chain, so that machines help only within an entry

@@ -314,7 +314,7 @@ def _angle_findings(problem: ReachAvoidProblem, states: FloatArray, axis: int) -
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        speed = max(float(np.abs(velocity(states)[:, axis]).max()) for velocity in _velocities(problem))
+        speed = max(float(np.abs(velocity(states)[:, axis]).max()) for velocity in _velocity_functions(problem))
         if (turns := speed * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
@@ -332,7 +332,7 @@ def _repeats(problem: ReachAvoidProblem, states: FloatArray, axis: int, turn: fl
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
     together = np.concatenate([states, further, elsewhere])
-    functions = [*_velocities(problem)] if problem.dynamics.reads[:, axis].any() else []
+    functions = [*_velocity_functions(problem)] if problem.dynamics.reads[:, axis].any() else []
     functions += [partial(_level_set_values, problem, part) for part in problem.all_sets if axis in part.axes]
     for function in functions:
         try:
@@ -346,7 +346,7 @@ def _repeats(problem: ReachAvoidProblem, states: FloatArray, axis: int, turn: fl
     return depends
 
 
-def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
+def _velocity_functions(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
     """Yield for each input the velocity (M, ndim) at the first step, v being the upper vertex of its box."""
     t, dynamics = problem.time(0), problem.dynamics
     for j in range(len(problem.inputs)):

@@ -26,7 +26,7 @@ def tape_of_problem(
     if problem.dynamics.stateless:  # the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
         ends = interval.displacement_sets(np.array([grid.lower]))[:2, :, :, 0]
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
-    path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
+    path = [begin + (end - begin) * instant / CHECKED_INSTANTS for instant in range(1, CHECKED_INSTANTS)]
     # In the order in which `place_points` writes the points: the path, the state, the corners. At N the begin of an
     # interval is the only instant.
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])

@@ -256,10 +256,10 @@ class Argument:
             inner = [float(low + i * width) for i in range(cells - a - b)]
             self.edges.append(np.array([*[begin] * a, *inner, end, *[end] * b]))  # both ends of a layer are the same
         self.widths = [float(width) for _, width, *_ in self.axes]
-        rows, packed = math.prod(shape[:-1]), -(-shape[-1] // 64)
+        rows, words = math.prod(shape[:-1]), -(-shape[-1] // 64)
         self.index = array(arrays, "index", np.uint32, None, rows)
         expect(len(self.index) > 0, "there must be sets", self.index.shape)
-        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, packed)
+        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, words)
         # Whole words are counted and compared, so that bits past the last cell would count as cells.
         beyond = self.pool[:, -1] >> np.uint64(shape[-1] % 64) if shape[-1] % 64 else np.zeros(1)
         expect(not beyond.any(), "the sets must have no cells that there are not", shape[-1])
@@ -492,9 +492,9 @@ class Argument:
         moved = held(np.zeros_like(at) + OUT * self.off_at(places))
         ending = moved.copy()  # the farthest that its end may be
         swept, gain = np.empty((self.parts, *at.shape)), np.zeros_like(at)
-        for part in range(self.parts):
+        for number in range(self.parts):
             reached = moved.copy()
-            own = marks[part * pieces : (part + 1) * pieces + 1]
+            own = marks[number * pieces : (number + 1) * pieces + 1]
             more = [one for one in (*soon, soonest) if own[0] < one < own[-1]]
             for begin, end in pairwise(sorted({*own, *more})):
                 # before the earliest end only the last counts
@@ -504,7 +504,7 @@ class Argument:
                 gain, moved = OUT * np.maximum(OUT * (after - moved) / (end - begin), 0.0), after
                 reached = farthest(np.array([reached, moved]))
                 ending = farthest(np.array([ending, moved]))
-            swept[part] = reached
+            swept[number] = reached
         last = ending if robot.jitter else moved
         return swept, held(self.carried_on(at, last) if robot.memory else last + OUT * self.off[:, None])
 

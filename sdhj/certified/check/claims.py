@@ -41,8 +41,8 @@ class Claim:
 
     def __str__(self) -> str:
         """The claim in a line, and below it the first `SHOWN` failures."""
-        held = "proved" if self.checked == self.made else "no fault in these"  # a sample proves nothing of the rest
-        verdict = held if self.failed == 0 else f"{self.failed:,} NOT proved"
+        proved = "proved" if self.checked == self.made else "no fault in these"  # a sample proves nothing of the rest
+        verdict = proved if self.failed == 0 else f"{self.failed:,} NOT proved"
         edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
         line = f"{self.name}: {self.checked:,} of {self.made:,} checked{edge}, {verdict}"
         line += f"; {self.beside:,} of cells that are not promised were not looked at" if self.beside else ""

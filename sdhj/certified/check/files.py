@@ -83,10 +83,10 @@ class Arrays:
         if folder:  # where what was packed is not any more
             for one in self.stated.values():
                 one.packed, one.as_it_lies = None, one.sha256
-        packed = [one for one in self.stated.values() if one.packed is not None]
+        deflated = [one for one in self.stated.values() if one.packed is not None]
         # Before anything is unpacked, which might not fit in any memory.
-        most = max(MOST_UNPACKED, MOST_TIMES * sum(one.packed for one in packed))
-        if sum(one.size for one in packed) > most:
+        most = max(MOST_UNPACKED, MOST_TIMES * sum(one.packed for one in deflated))
+        if sum(one.size for one in deflated) > most:
             raise ValueError("its arrays must not be packed so closely")
         if folder:
             self.parts = {name: mapped(os.path.join(path, one.file)) for name, one in self.stated.items()}

@@ -307,8 +307,8 @@ def gridded(operands: list[Interval], table: Array, lower: list[float], spacing:
     for own in (np.flatnonzero(alike == one) for one in np.unique(alike[few])):
         out[:, known[own]] = at_points(table, sizes[:, own[0]].tolist(), low[:, own], high[:, own], begin[:, own])
     rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice
-    low, high = outward(out[0], out[1], rounding)
-    return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
+    least, most = outward(out[0], out[1], rounding)
+    return least.reshape(whole.shape[1:]), most.reshape(whole.shape[1:])
 
 
 def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Array) -> Array:
@@ -323,11 +323,11 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
     each = tuple(range(len(sizes)))
     slack = (2.0 ** len(sizes) + 2 * len(sizes)) * UNIT * np.abs(values).max(axis=each)
     for axis, n in enumerate(sizes):
-        own = np.moveaxis(values, axis, 0)
+        along = np.moveaxis(values, axis, 0)
         begin, end = low[axis] - first[axis], high[axis] - first[axis] - (n - 2)
-        least = (1.0 - begin) * own[0] + begin * own[1]
+        least = (1.0 - begin) * along[0] + begin * along[1]
         # in one statement: of two nodes own[-2] is own[0], which has to be read before it is replaced
-        own[0], own[-1] = least, (1.0 - end) * own[-2] + end * own[-1]
+        along[0], along[-1] = least, (1.0 - end) * along[-2] + end * along[-1]
     return np.stack([values.min(axis=each) - slack, values.max(axis=each) + slack])
 
 

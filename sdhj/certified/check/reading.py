@@ -99,7 +99,7 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
 def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
     """The SHA-256, in hexadecimal, of the problem: of the head's entries `TOLD` and the arrays of its functions."""
     # `digest_of` in `sdhj.problem.describing` writes it, and has `TOLD`, too: both change together
-    said, held = {name: head[name] for name in TOLD}, dict[str, Any]()
+    said, of_arrays = {name: head[name] for name in TOLD}, dict[str, Any]()
     error = said["sensing"].get("error")
     if error is not None:
         each = error if isinstance(error, list) else [error] * len(said["grid"]["shape"])
@@ -108,8 +108,8 @@ def digest(head: Mapping[str, Any], arrays: Arrays) -> str:
         if name.startswith(("tables/", "opaque/")):
             values = array(arrays, name, np.float64, ..., most=MOST_TABLES)
             own = hashlib.sha256(np.ascontiguousarray(values, "<f8").data.cast("B") if values.size else b"")
-            held[name] = [list(values.shape), own.hexdigest()]
-    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
+            of_arrays[name] = [list(values.shape), own.hexdigest()]
+    return hashlib.sha256(json.dumps([said, of_arrays], sort_keys=True).encode()).hexdigest()
 
 
 def expect_room(needed: int) -> None:

@@ -43,16 +43,16 @@ class InMemory:
 def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: Any) -> tuple[int, int, list[str]]:
     """How many claims were looked at, how many there are, and a text for each of the first that are not proved."""
     # for `CertifiedTable.looked_over`, which lets no table out where a claim is not proved
-    held: Any = InMemory(arrays)
+    in_memory: Any = InMemory(arrays)
     if head["cells"]["kind"] == "arm":
         from sdhj.certified.check.arm.claims import Arm  # with Numba, which no other robot needs
 
-        arm = Arm(head, held)
+        arm = Arm(head, in_memory)
         share = SAMPLED / max(int(arm.allowed.sum()) + bits_of(arm.pool), 1)
         # all where half of them would be drawn
         rows = None if 2 * share >= 1 else max(round(share * arm.index.shape[1]), 1)
         return counted(arm.claims(rows, 0, True))
-    sets = Argument(head, held, problem)
+    sets = Argument(head, in_memory, problem)
     if (made := claims_made(sets)) <= MOST_WHOLE:
         return counted(sets.claims())
     wrong = [f"{COVER}: {text}" for text in sets.uncovered()]
@@ -126,12 +126,14 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
     less = sets.row(step, within - 1) if grows else None
     filled: Array = np.any(sets.pool, axis=1)
     # Rows with a block of their own: others are the same block as those of n - 1 and have nothing new.
-    rows = np.flatnonzero(filled[row] if less is None else row != less)
-    at = np.array(np.unravel_index(rows, counts[:-1])) if len(counts) > 1 else np.zeros((0, rows.size), np.int64)
+    changed = np.flatnonzero(filled[row] if less is None else row != less)
+    places = (
+        np.array(np.unravel_index(changed, counts[:-1])) if len(counts) > 1 else np.zeros((0, changed.size), np.int64)
+    )
     # Some rows by chance, and of each axis two at either end, where a seam or a wall is.
-    picked = [rng.permutation(rows)[:ROWS]]
+    picked = [rng.permutation(changed)[:ROWS]]
     for k, n in enumerate(counts[:-1]):
-        picked += [rng.permutation(rows[at[k] == end])[:2] for end in (0, n - 1)]
+        picked += [rng.permutation(changed[places[k] == end])[:2] for end in (0, n - 1)]
     rows = np.unique(np.concatenate(picked))
     # Only what n has and n - 1 has not.
     blocks = sets.pool[row[rows]] if less is None else sets.pool[row[rows]] & ~sets.pool[less[rows]]

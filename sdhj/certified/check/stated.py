@@ -260,8 +260,8 @@ class Problem:
         self.timed = any(one.reads("p", 0) for one in every)
         self.reads = np.zeros((n, n), np.bool_)  # of the velocity along an axis, which coordinates
         for axis in range(n):
-            own = self.along(axis)
-            self.reads[axis] = [any(one.reads("x", k) for one in own) for k in range(n)]
+            functions = self.along(axis)
+            self.reads[axis] = [any(one.reads("x", k) for one in functions) for k in range(n)]
         self.trusted = {name for name in self.of if name in self.opaque}
 
     def along(self, axis: int) -> list[Function]:

@@ -78,7 +78,9 @@ class Words:
         self.inputs = np.frombuffer(parts[1], "<f8").reshape(inputs, components)
         self.index = _numbers(parts[3], index_width).reshape(self.starts, *self.blocks)
         expect(int(self.index.max()) < bodies, "blocks must have a body", bodies)
-        self.bodies = np.stack([_body(parts[5], at, cells, width) for at in _numbers(parts[4], at_width).tolist()])
+        self.bodies = np.stack(
+            [_body(parts[5], place, cells, width) for place in _numbers(parts[4], at_width).tolist()]
+        )
         expect(int(self.bodies.max()) < words, "cells must have a word", words)
         rows, mask, begin = np.frombuffer(parts[0], np.uint8).reshape(words, record), -(-inputs // 8), 0
         found: dict[str, Array] = {}
@@ -221,7 +223,7 @@ def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> It
     for name, own in found.items():
         yield own.claim(f"exported: {name}")
     if words.leads:
-        made = sum(own[..., 0].size for own in words.images)
+        made = sum(one[..., 0].size for one in words.images)
         yield Claim("exported: images", made, made, list(images_differ(words, sets)))
 
 

@@ -199,9 +199,9 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     if not len(b.corners):
         return apart
     squares = [
-        np.square(high) + np.square(np.maximum(np.maximum(far - ends[1], ends[0] - far), 0.0))
+        np.square(beyond) + np.square(np.maximum(np.maximum(along - ends[1], ends[0] - along), 0.0))
         for beyond_it, along_it, ends in beside
-        for high, far in zip(beyond_it, along_it, strict=True)
+        for beyond, along in zip(beyond_it, along_it, strict=True)
     ]
     distance = np.sqrt(reduce(np.minimum, squares))
     return np.where(apart > 0.0, np.maximum(apart, distance), apart)
