@@ -197,7 +197,8 @@ class VectorField(Remembering):
     def component(self, name: str, j: int, index: int) -> Formula:
         """Number `index` of the flattened "drift", "gain" or "extremes" under input j, as a formula."""
         found = (self.extremes_of if name == "extremes" else self.functions_by_input[name])[j]
-        return self.remembered((name, j, index), lambda: replace(found, outputs=(found.outputs[index],), shape=()))
+        one = found.outputs[index]  # the same object under inputs that share it, as a speed does with several turns
+        return self.remembered((name, one), lambda: replace(found, outputs=(one,), shape=()))
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
         """Velocity under input j with v = 0, at points (M, ndim) and time t, s, also traced: (M, ndim)."""

@@ -5,6 +5,7 @@ grid itself no state could cross an end, so this avoid game is played on a *wide
 far as one interval can lead; there the dynamics are those at the end.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,17 +44,19 @@ def dangers(samples: Samples) -> list[Danger]:
     return found + [_ends_as_danger(samples, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
 
-def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray) -> FloatArray:
-    """The avoid tubes of a danger over the interval from a step, > 0 in danger: (L, *subgrid), a view of `out`.
+def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray, *some: Sequence[int]) -> FloatArray:
+    """The avoid tubes of a danger over the interval from a step, > 0 in danger: (inputs, *subgrid), a view of `out`.
 
-    `games` are those of `danger.samples`; -inf under inputs that do not count.
+    `games` are those of `danger.samples`; of `some` inputs if they are `apart`, else of all. -inf under inputs that do
+    not count.
     """
     if hasattr(games, "grouped_reach_sets"):
-        games.avoid(danger.unsafe_set, step, out)
+        games.avoid(danger.unsafe_set, step, out, *some)
     else:  # games of users
         out[...] = games.avoid(danger.unsafe_set, step)
+    inputs = np.array(some[0]) if some else np.arange(len(out))
     # never above 0, so a set is nothing to avoid under these
-    out[~danger.unsafe_set.counts(np.arange(len(out)))] = -np.inf
+    out[~danger.unsafe_set.counts(inputs)] = -np.inf
     return out[(slice(None), *danger.inside)]
 
 

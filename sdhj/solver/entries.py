@@ -86,14 +86,15 @@ class Part(NamedTuple):
     kind: str
     step: int
     within: int = 0  # n of an entry or a share
-    share: int = 0  # which of the shares of an entry
-    shares: int = 0  # how many there are; 0 of an entry that is computed as a whole
+    share: int = 0  # which of the shares of an entry or of avoid tubes
+    shares: int = 0  # into how many the inputs are shared out; 0 of what is computed as a whole
 
     @property
     def name(self) -> str:
-        """The name of its mark or, of a share, of its file."""
+        """The name of its mark or, of a share of an entry, of its file."""
         # a solve that goes on knows parts by this name: under another one all are computed again
-        return f"{self.kind}-{self.step}-{self.within}" + (f"-{self.share}" if self.kind == "share" else "")
+        of = f"-{self.share}-of-{self.shares}" if self.shares and self.kind != "entry" else ""
+        return f"{self.kind}-{self.step}-{self.within}{of}"
 
 
 def shares_of(part: Part) -> list[Part]:
@@ -123,15 +124,16 @@ class Folder:
             stream.truncate(size)
             return np.asarray(np.memmap(stream, dtype, "r+", shape=tuple(shape)))
 
-    def write(self, name: str, position: int, values: FloatArray) -> None:
-        """Write values to an array's file, `position` times as many from its first on, and flush them."""
-        data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
+    def write(self, name: str, values: Iterable[FloatArray], positions: Sequence[int] = (0,)) -> None:
+        """Write values of one size to an array's file, each so many times this size behind its first, and flush it."""
         try:
             with open(self.file(name), "r+b", buffering=0) as out:
-                # the file is there already, at its full size: `container.begin_array` has made it
-                out.seek(container.HEADER + position * len(data))
-                while data:
-                    data = data[out.write(data) :]
+                for position, one in zip(positions, values, strict=True):
+                    data = np.ascontiguousarray(one).reshape(-1).view(np.uint8).data
+                    # the file is there already, at its full size: `container.begin_array` has made it
+                    out.seek(container.HEADER + position * len(data))
+                    while data:
+                        data = data[out.write(data) :]
                 os.fsync(out.fileno())
         except OSError as error:
             raise type(error)(
@@ -210,10 +212,18 @@ class Folder:
 
     def _avoid(self, part: Part) -> dict[str, Any]:
         """Write the avoid tubes of a step; returns what its mark tells: the sets that are met, the games' notes."""
-        shape = self.parts.shape(part.kind)[part.kind == "avoid_moving" :]
-        met = self.parts.write_avoid(part.kind, part.step, out := self.scratch(shape, self.parts.dtype))
-        self.write(part.kind, part.step, out)
+        shape, inputs = self.parts.shape(part.kind)[part.kind == "avoid_moving" :], self.inputs_of(part)
+        out = self.scratch((len(inputs), *shape[1:]), self.parts.dtype)
+        met = self.parts.write_avoid(part.kind, part.step, out, *[inputs] * bool(part.shares))
+        self.write(part.kind, out, [part.step * shape[0] + j for j in inputs])
         return {"met": sorted(met), "free": dict(getattr(self.parts.games, "free", {}))}
+
+    def inputs_of(self, part: Part) -> list[int]:
+        """The inputs by which a part is computed, ascending: those of a share, or all."""
+        # runs of inputs by turns: as many for each share, and as fast, where those side by side are alike
+        count, shares = len(self.parts.problem.inputs), max(1, part.shares)
+        run = max(1, count // (2 * shares))
+        return [j for j in range(count) if j // run % shares == part.share]
 
     def repeated(self, part: Part) -> bool:
         """Whether an entry cannot differ from the one before it: whether those that it follows from are equal."""
@@ -243,21 +253,17 @@ class Folder:
         else:
             self._compute(part, tube, marks)
         if within:
-            self.write("marks", own, marks)
-        self.write("tubes", own, tube)
+            self.write("marks", [marks], [own])
+        self.write("tubes", [tube], [own])
         return told | {"place": own, "shared": False}
 
     def _share(self, part: Part) -> None:
         """Write an entry by the inputs of a share, its tube and marks, to a file of its own."""
         if self.repeated(part):
             return
-        # runs of inputs by turns: as many for each share, and as fast, where those side by side are alike
-        count = len(self.parts.problem.inputs)
-        run = max(1, count // (2 * part.shares))
-        some = [j for j in range(count) if j // run % part.shares == part.share]
         tube = np.empty(self.parts.problem.grid.shape, self.parts.dtype)
         marks = np.zeros(self.parts.shape("marks")[1:], np.uint8)
-        self._compute(part, tube, marks, some)
+        self._compute(part, tube, marks, self.inputs_of(part))
         # not flushed: a solve that goes on begins without shares
         temporary, target = self.path / SHARES / uuid.uuid4().hex, self.path / SHARES / part.name
         with open(temporary, "wb") as stream:
@@ -307,8 +313,8 @@ class Folder:
             # each is flushed and noted before the next, so that this too goes on where it was stopped
             if number < place and number >= self.moved:
                 offset = container.HEADER + place * math.prod(size)
-                self.write("marks", number, np.memmap(self.file("marks"), np.uint8, "r", offset, size))
-                self.write("tubes", number, self.tube(place))
+                self.write("marks", [np.memmap(self.file("marks"), np.uint8, "r", offset, size)], [number])
+                self.write("tubes", [self.tube(place)], [number])
                 with replaced_whole(self.path / DONE / "moved") as temporary:
                     temporary.write_text(str(number + 1))
         return np.searchsorted(np.unique(places), places).astype(np.int64)
@@ -341,7 +347,7 @@ class Folder:
         arrays = {"index": index, "entries": every} | dict(arrays_of(parts.problem))
         for name, values in arrays.items():
             container.begin_array(self.path, name, values.dtype.name, values.shape)
-            self.write(name, 0, values)
+            self.write(name, [values])
         shapes = {name: (values.dtype.name, values.shape) for name, values in arrays.items()}
         # Of tubes and marks as many as the index names, as equal ones are shared.
         for name in ARRAYS:
@@ -412,7 +418,8 @@ def completed_by(
                 # what is in no row is complete
                 waited = [futures[one] for one in needs(part) if one in futures]
                 # or one worker would be given all, as Dask prefers the one that had what a part waits for
-                at = [workers[(number + part.share) % len(workers)]] if waited and workers else None
+                placed = bool(workers) and bool(waited or part.shares)
+                at = [workers[(number + part.share) % len(workers)]] if placed else None
                 future = client.submit(
                     complete_alone, pickled, part, *waited, workers=at, allow_other_workers=bool(at), pure=False
                 )
@@ -465,7 +472,13 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
         share.unlink()
     completed = completed_here if client is None else partial(completed_by, client)
     static, moving = folder.parts.axes.values()
-    avoid = [Part("avoid_static", 0)] * bool(static)
+    # among how many workers inputs are shared out, where each has games of its own
+    apart = client is not None and getattr(folder.parts.games, "apart", False)
+    shares = min(len(client.nthreads()), len(problem.inputs)) if apart else 0
+    shares *= shares > 1
+    avoid = [whole := Part("avoid_static", 0)] * bool(static)
+    if shares and avoid and folder.mark(whole) is None:
+        avoid = [whole._replace(share=share, shares=shares) for share in range(shares)]
     avoid += [Part("avoid_moving", step) for step in range(problem.steps if moving else 0)]
     goals = [Part("entry", step) for step in sets.rows_of_entries]
     for _ in completed(folder, [[*avoid, *goals]], lambda part: []):
@@ -475,14 +488,11 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
         free |= {int(at): max(fraction, free.get(int(at), 0.0)) for at, fraction in one["free"].items()}
     tell_of_never_met(problem, {position for one in told for position in one["met"]})
     sets.look_over(folder.goal, free)
-    # one row is a chain, so that machines help only within an entry
-    apart = client is not None and problem.time_invariant and getattr(folder.parts.games, "apart", False)
-    shares = min(len(client.nthreads()), len(problem.inputs)) if apart else 0
-    shares *= shares > 1
 
     def row(step: int) -> list[Part]:
-        # those with n >= 1, each behind its shares
-        each = [Part("entry", step, n, shares=shares) for n in range(1, problem.steps - step + 1)]
+        # Those with n >= 1, each behind its shares: one row is a chain, so that machines help only within an entry.
+        within = shares if problem.time_invariant else 0
+        each = [Part("entry", step, n, shares=within) for n in range(1, problem.steps - step + 1)]
         return [part for one in each for part in (*shares_of(one), one)]
 
     def needs(part: Part) -> list[Part]:
@@ -523,7 +533,8 @@ def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:
     said = why_large(problem, found.parts.dtype)
     # before the folder is made: what does not fit leaves nothing behind
     require_memory(needed := bytes_of_entry(found.parts), "an entry of this solve", said)
-    for name, one in (client.scheduler_info()["workers"] if client is not None else {}).items():
+    # by default some versions tell of five workers
+    for name, one in (client.scheduler_info(n_workers=-1)["workers"] if client is not None else {}).items():
         if 0 < (limit := one.get("memory_limit") or 0) < needed:
             few = f"{needed / 1e9:.3g} GB, and the worker {name} has {limit / 1e9:.3g} GB"
             raise MemoryError(f"an entry of this solve needs about {few}; {said}")
@@ -561,7 +572,7 @@ def begin(folder: Folder, sets: GridSets) -> None:
             container.begin_array(temporary, name, parts.kind(name).name, parts.shape(name))
             if not parts.axes.get(name, True):  # nothing to avoid
                 nothing = np.full(parts.shape(name), -np.inf, parts.dtype)
-                Folder(temporary, parts.problem, parts.method).write(name, 0, nothing)
+                Folder(temporary, parts.problem, parts.method).write(name, [nothing])
         (temporary / BEGUN).write_text(json.dumps(head_of(sets)))
         os.rename(temporary, path)
     except OSError as error:

@@ -50,7 +50,7 @@ class Games(Protocol):
     * `grouped_reach_sets(values, step)`: reach sets come some inputs at a time, and are made where they are read, at
       the nodes of the grid without its padding (`sdhj.problem.boxes`); then `avoid` has a third argument `out`, the
       array to write to;
-    * `apart` = True: `grouped_reach_sets` takes the inputs that are asked for, ascending, as a third argument.
+    * `apart` = True: inputs can be asked for, ascending, as a last argument of `grouped_reach_sets` and of `avoid`.
     """
 
     @property
@@ -189,20 +189,29 @@ class _OnAxes:
         """As `Games.reach`, without a padding."""
         return one_by_one(self.grouped_reach_sets(values, step))
 
-    def avoid(self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None) -> FloatArray:
-        """As `Games.avoid`, in `out` or a new array."""
+    def avoid(
+        self, unsafe_set: UnsafeSet, step: int, out: FloatArray | None = None, some: Sequence[int] | None = None
+    ) -> FloatArray:
+        """As `Games.avoid`, in `out` or a new array, of `some` inputs or of all."""
         axes = self.samples.avoid_axes(unsafe_set.axes)
-        return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out)
+        return self.tubes(ObstacleFunction.of(self.samples, unsafe_set, axes), step, out, some)
 
-    def tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray | None = None) -> FloatArray:
-        """The avoid tubes over the interval from a step: (L, *subgrid of obstacle.axes), in `out` or a new array."""
+    def tubes(
+        self,
+        obstacle: ObstacleFunction,
+        step: int,
+        out: FloatArray | None = None,
+        some: Sequence[int] | None = None,
+    ) -> FloatArray:
+        """The avoid tubes over the interval from a step: (inputs, *subgrid of obstacle.axes), as `avoid` has them."""
+        inputs = range(self.count) if some is None else some
         if out is None:
-            out = np.empty((self.count, *self.samples.grid.subgrid(obstacle.axes).shape), self.dtype)
-        self.write_tubes(obstacle, step, out)
+            out = np.empty((len(inputs), *self.samples.grid.subgrid(obstacle.axes).shape), self.dtype)
+        self.write_tubes(obstacle, step, out, inputs)
         return out
 
-    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
-        """To be implemented: write the avoid tubes over the interval from a step to `out`."""
+    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray, inputs: Sequence[int]) -> None:
+        """To be implemented: write the avoid tubes of some inputs over the interval from a step to `out`."""
         raise NotImplementedError
 
 
@@ -352,16 +361,16 @@ class HJIGames(_OnAxes):
         """The games of the same problem and axes by the Hopf-Lax formula, where these exist."""
         return HopfLaxGames(self.samples, SHIFT, self.dtype, self.axes)
 
-    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
+    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray, inputs: Sequence[int]) -> None:
         """As `_OnAxes.write_tubes`: by the Hopf-Lax formula where it applies, else by differences, -g as obstacle."""
         if self.uses_hopf_lax(obstacle.axes):
-            self.formula.write_tubes(obstacle, step, out)
+            self.formula.write_tubes(obstacle, step, out, inputs)
             return
         grid, steps = self.samples.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         least = self.obstacle_at(obstacle, step, steps)
         # of the interval's end, tau = 0, from which the PDE begins
         first = least(0.0) if callable(least) else least
-        for j, tube in enumerate(out):
+        for j, tube in zip(inputs, out, strict=True):
             self.solved += 1
             velocities = self.velocities(j, obstacle.axes, step)
             tube[...] = evolve(grid, first, velocities, self.duration, self.scheme, obstacle=least, steps=steps)
@@ -477,15 +486,15 @@ class HopfLaxGames(_OnAxes):
             self.grid, np.asarray(values, self.dtype), moved, self.interpolation, self.grid.inner
         )
 
-    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray) -> None:
+    def write_tubes(self, obstacle: ObstacleFunction, step: int, out: FloatArray, inputs: Sequence[int]) -> None:
         """As `_OnAxes.write_tubes`: maxima of -g over all that the state may reach, one piece of time after another."""
         # with raised=True what is greater stays: so it begins with the least
         out.fill(-np.inf)
-        for some in self._tube_maxima(obstacle, step):
+        for some in self._tube_maxima(obstacle, step, inputs):
             some.of(into=out[some.first : some.first + some.number], raised=True)
 
-    def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
-        """Yield the maxima of -g over all that the state may reach in each piece of the interval."""
+    def _tube_maxima(self, obstacle: ObstacleFunction, step: int, inputs: Sequence[int]) -> Iterator[Maxima]:
+        """Yield the maxima of -g over all that the state may reach in each piece, under inputs counted anew from 0."""
         samples, axes = self.samples, list(obstacle.axes)
         grid, pieces, interval = samples.grid.subgrid(axes), self.parts_of_interval(axes), samples.interval(step)
         times = samples.problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
@@ -493,7 +502,8 @@ class HopfLaxGames(_OnAxes):
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = obstacle.values_over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
             moved = self._displacement_sets_in_piece(interval, axes, piece, pieces)
-            yield from maxima_over_sets(grid, values.astype(self.dtype), moved, self.interpolation)
+            some = Moved(*(part[list(inputs)] for part in moved))
+            yield from maxima_over_sets(grid, values.astype(self.dtype), some, self.interpolation)
 
     def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
         """For each input a box and segments that hold all its displacements in one piece of an interval."""

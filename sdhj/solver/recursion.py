@@ -237,10 +237,11 @@ class GridParts:
         """The dtype of an array of the table."""
         return np.dtype("uint8" if name == "marks" else self.dtype)
 
-    def write_avoid(self, name: str, step: int, out: FloatArray) -> set[int]:
-        """Write the avoid tubes of a step to `out`, of `shape(name)` without steps; returns which unsafe sets are met.
+    def write_avoid(self, name: str, step: int, out: FloatArray, *some: Sequence[int]) -> set[int]:
+        """Write the avoid tubes of a step to `out` (inputs, *subgrid); returns which unsafe sets are met.
 
-        The tubes are the maximum over all dangers of this name, with a `Sensing` eroded by the box E.
+        The tubes are the maximum over all dangers of this name, with a `Sensing` eroded by the box E. some : inputs,
+        for games that are `apart`; by default all.
         """
         problem, samples, axes = self.problem, self.samples.padded, self.axes[name]
         met = set[int]()
@@ -248,8 +249,8 @@ class GridParts:
         total = out if out.shape == wide else self.empty(wide, self.dtype)
         # One on all axes and on this grid comes first and is played into `total` itself; of every other one there is an
         # array, to which `total` is raised. Ends, which are on a wide grid, count as no set that is met.
-        some = sorted(self.dangers[name], key=lambda one: one.axes != axes or one.samples is not samples)
-        for number, danger in enumerate(some):
+        each = sorted(self.dangers[name], key=lambda one: one.axes != axes or one.samples is not samples)
+        for number, danger in enumerate(each):
             own = danger.samples is samples
             if direct := own and danger.axes == axes and not number:
                 into = total
@@ -257,7 +258,7 @@ class GridParts:
                 into = self.empty((len(out), *danger.samples.grid.subgrid(danger.game_axes).shape), self.dtype)
             if not (direct or number):
                 total.fill(-np.inf)
-            tubes = avoid_tubes_of(self.games if own else self.method.on(danger.samples), danger, step, into)
+            tubes = avoid_tubes_of(self.games if own else self.method.on(danger.samples), danger, step, into, *some)
             if tubes.max() > 0:
                 met |= {i for i, unsafe_set in enumerate(samples.unsafe) if unsafe_set == danger.unsafe_set}
             for one, tube in zip(total, tubes, strict=True) if not direct else ():

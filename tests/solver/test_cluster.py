@@ -9,6 +9,7 @@ import toys
 from on_disk import assert_bit_equal
 
 import sdhj
+from sdhj.problem.samples import Samples
 from sdhj.solver.entries import Folder, Part
 
 dask = pytest.importorskip("dask")
@@ -58,6 +59,19 @@ def turning(inputs=25, steps=4):
     )
 
 
+def ring():
+    """A state on a circle at three speeds, of which each has a game of its own, as intervals may end early."""
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-np.pi], [np.pi], [48], [True]),
+        sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [0.2]),
+        sdhj.TargetSet((0,), lambda p, t: 0.5 - np.cos(p[:, 0])),
+        [sdhj.UnsafeSet((0,), lambda p, t: np.cos(0.3) - np.cos(p[:, 0] + 2.0), name="ball")],
+        0.5,
+        4,
+        sensing=sdhj.Sensing(jitter=0.05),
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "method"),
@@ -103,6 +117,78 @@ def test_inputs_of_one_row_are_shared_out_evenly(threads, tmp_path, monkeypatch,
         assert abs(len(its[0]) - len(its[1])) <= 1
     assert (inputs > 1) == bool(found)
     assert not (tmp_path / "t" / "shares").exists()
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False, play=False))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("make", [turning, ring])
+def test_avoid_tubes_are_shared_out_evenly(threads, tmp_path, monkeypatch, make):
+    """By differences, and by the formula of the moving frame."""
+    found, avoid, problem = [], Folder._avoid, make()
+    assert sdhj.HJI().on(Samples(problem)).uses_hopf_lax((0,)) == (make is ring)
+
+    def told(self, part):
+        found.append((distributed.get_worker().address, self.inputs_of(part)))
+        return avoid(self, part)
+
+    monkeypatch.setattr(Folder, "_avoid", told)
+    stored = sdhj.solve(problem, store=tmp_path / "t", client=threads, progress=False)
+    assert len(found) == len({at for at, _ in found}) == 2
+    assert sorted(j for _, some in found for j in some) == [*range(len(problem.inputs))]
+    assert abs(len(found[0][1]) - len(found[1][1])) <= 1
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False, play=False))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", [None, 1, 2])
+def test_a_solve_goes_on_with_a_share_of_the_avoid_tubes(threads, tmp_path, monkeypatch, by):
+    """By itself, and by a client that has one worker or both of them: only both have what is there."""
+    problem, avoid, done, store = turning(), Folder._avoid, [], tmp_path / "t"
+
+    def fails(self, part):
+        raise RuntimeError("ended")
+
+    def counted(self, part):
+        done.append(part)
+        return avoid(self, part)
+
+    with monkeypatch.context() as patch, pytest.raises(RuntimeError, match="ended"):
+        patch.setattr(Folder, "_share", fails)
+        sdhj.solve(problem, store=store, client=threads, progress=False)
+    # as though it had been ended within the other share
+    (store / "done" / "avoid_static-0-0-1-of-2").unlink()
+    tubes = np.load(store / "avoid_static.npy", mmap_mode="r+")
+    tubes[Folder(store, problem, sdhj.HJI()).inputs_of(Part("avoid_static", 0, 0, 1, 2))] = np.nan
+    tubes.flush()
+    monkeypatch.setattr(Folder, "_avoid", counted)
+    workers = dict([*threads.nthreads().items()][:by])
+    monkeypatch.setattr(threads, "nthreads", lambda: workers)
+    client = None if by is None else threads
+    stored = sdhj.solve(problem, store=store, client=client, resume=True, progress=False)
+    assert [(part.share, part.shares) for part in done] == [(1, 2) if by == 2 else (0, 0)]
+    assert_bit_equal(stored, sdhj.solve(problem, progress=False, play=False))
+
+
+@pytest.mark.slow
+def test_avoid_tubes_that_are_whole_are_not_shared_out(threads, tmp_path, monkeypatch):
+    problem, complete, avoid, found = turning(), Folder.complete, Folder._avoid, []
+
+    def limited(self, part):
+        if part == Part("entry", 0, 1):
+            raise KeyboardInterrupt
+        complete(self, part)
+
+    def told(self, part):
+        found.append(part)
+        return avoid(self, part)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Folder, "complete", limited)
+        sdhj.solve(problem, store=tmp_path / "t", progress=False)
+    monkeypatch.setattr(Folder, "_avoid", told)
+    stored = sdhj.solve(problem, store=tmp_path / "t", client=threads, resume=True, progress=False)
+    assert not found
     assert_bit_equal(stored, sdhj.solve(problem, progress=False, play=False))
 
 
@@ -190,9 +276,14 @@ def test_an_error_in_a_worker_is_told(threads, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_workers_with_too_little_memory_are_told(threads, tmp_path, monkeypatch):
-    about = threads.scheduler_info()
-    for one in about["workers"].values():
-        one["memory_limit"] = 10**7
-    monkeypatch.setattr(threads, "scheduler_info", lambda: about)
-    with pytest.raises(MemoryError, match=r"needs about .* GB, and the worker .* has 0\.01 GB"):
+    about = threads.scheduler_info()["workers"]
+    few = next(iter(about.values())) | {"memory_limit": 10**7}
+    many = {f"tcp://{number}": few | {"memory_limit": 2**40} for number in range(5)} | {"tcp://5": few}
+
+    def told(n_workers=5, **_):
+        """As of versions that tell of five by default."""
+        return {"workers": dict([*many.items()][: None if n_workers == -1 else n_workers])}
+
+    monkeypatch.setattr(threads, "scheduler_info", told)
+    with pytest.raises(MemoryError, match=r"needs about .* GB, and the worker tcp://5 has 0\.01 GB"):
         sdhj.solve(toys.torus_problem(nodes=12), store=tmp_path / "t", client=threads, progress=False)

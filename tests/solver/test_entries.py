@@ -26,18 +26,19 @@ from sdhj.solver.joint import Joint
 
 SCRIPT = """
 import os, signal, sys
+import numpy as np
 sys.path.insert(0, {tests!r})
 import toys, sdhj
 from sdhj.solver.entries import Folder
 write, counted = Folder.write, []
-def stopped(self, name, position, values):
+def stopped(self, name, values, positions=(0,)):
     counted.append(name)
     if len(counted) == {writes}:
-        torn = values.copy()
-        torn.reshape(-1)[values.size // 2 :] = 0
-        write(self, name, position, torn)
+        torn = np.array(values)
+        torn.reshape(-1)[torn.size // 2 :] = 0
+        write(self, name, torn, positions)
         os.kill(os.getpid(), signal.{signal})
-    return write(self, name, position, values)
+    return write(self, name, values, positions)
 Folder.write = stopped
 sdhj.solve(toys.torus_problem(nodes=24), store={store!r}, resume=True, progress=False)
 """
@@ -150,15 +151,15 @@ def test_tubes_that_are_being_moved_up_are_not_lost(tmp_path, monkeypatch):
     table = sdhj.solve(problem, progress=False)
     write, closed_up, finish = Folder.write, Folder.closed_up, Folder.finish
 
-    def limited(self, name, position, values):
+    def limited(self, name, values, positions=(0,)):
         if finishing:
             counted.append(name)
             if len(counted) == allowed:
                 torn = np.array(values)
-                torn.reshape(-1)[values.size // 2 :] = 0
-                write(self, name, position, torn)
+                torn.reshape(-1)[torn.size // 2 :] = 0
+                write(self, name, torn, positions)
                 raise Stopped
-        return write(self, name, position, values)
+        return write(self, name, values, positions)
 
     def begun(of):
         def begin(self, *given):
