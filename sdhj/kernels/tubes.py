@@ -74,7 +74,7 @@ class LookupScratch(NamedTuple):
 
     hull: Any  # (R, 2, ndim): the box that holds the boxes of all inputs, for each state, or one for all
     axes: Any  # (ndim,): the numbers of all axes
-    # (2, 2^ndim): nodes around a state
+    # (3, 2^ndim): nodes around a state, on the axes of the static and the moving avoid tubes, and on all
     index: Any
     weight: Any
     marked: Any  # (L,): whether all of these mark an input
@@ -381,7 +381,7 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
 def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order, lattice, scratch, out):
     """Write to entry m of `out` the answers for states[m] by the tubes alone, not by the true sets; within >= 1."""
     to_go, safe, margins, best = out
-    state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
+    state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[2], scratch.weight[2]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.batches.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
     to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
@@ -392,10 +392,16 @@ def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
-    _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
-    tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
-    _worst_values(tube, state, ends, column, normals, order, lattice, scratch, margins[m])
-    best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m])
+    # Just inside its boundary a tube may hold a state and no input be safe, as each is interpolated by itself: with one
+    # step more there nearly always is one, and the state then has n + 1 to go. If there is none, all is as for n.
+    for more in (0, 1, 0):
+        _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n + more], index, count, scratch.marked)
+        tube = stored_tubes.tubes[stored_tubes.index[following + n + more - 1]]
+        _worst_values(tube, state, ends, column, normals, order, lattice, scratch, margins[m])
+        best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m])
+        if safe[m, best[m]] or not to_go[m] == n < steps - step:
+            to_go[m] += more
+            break
 
 
 @kernel(**UNCOUNTED)
@@ -438,7 +444,7 @@ def unpacked_lattice(ints, floats):
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
     """A `LookupScratch` for so many columns of boxes; `held` says past which ends states are held (`Lattice`)."""
-    around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
+    around, spans, axes = (3, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
