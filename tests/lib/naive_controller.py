@@ -150,19 +150,27 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1
     within : judge inputs by the tube of so many steps to go where that is more than the fewest
     """
     axes = list(range(len(q)))
-    to_go = next((n for n, tube in enumerate(tubes) if interpolated(tube, q, axes, grid) <= 0.0), None)
+    fewest = to_go = next((n for n, tube in enumerate(tubes) if interpolated(tube, q, axes, grid) <= 0.0), None)
     if to_go == 0 and true["off the target"]:
         to_go = 1 if following else None
     if to_go is None or true["unsafe"] or not following:
         return None if true["unsafe"] else to_go, [], [], None
-    n = max(to_go, within)
-    inputs = range(len(boxes))
-    margins = [largest_in_set(following[n - 1], *box, order, grid) for box in boxes]
-    nodes = [index for _, index in surrounding(q, axes, grid)]
-    marked = [all(marks[n][index][j] for index in nodes) for j in inputs]
+    inputs, nodes = range(len(boxes)), [index for _, index in surrounding(q, axes, grid)]
     hazard = [max(interpolated(values[j], q, axes, grid) for axes, values in avoid) for j in inputs]
-    first = [j for j in inputs if marked[j] and margins[j] <= 0.0]
-    second = [j for j in inputs if margins[j] <= 0.0 and hazard[j] <= 0.0]
+
+    def by_tube(n):
+        margins = [largest_in_set(following[n - 1], *box, order, grid) for box in boxes]
+        marked = [all(marks[n][index][j] for index in nodes) for j in inputs]
+        first = [j for j in inputs if marked[j] and margins[j] <= 0.0]
+        return margins, marked, first, [j for j in inputs if margins[j] <= 0.0 and hazard[j] <= 0.0]
+
+    n = max(to_go, within)
+    margins, marked, first, second = by_tube(n)
+    if fewest == n < len(following) and not first and not second:
+        longer = by_tube(n + 1)
+        if longer[2] or longer[3]:  # it makes the promise of one step more
+            margins, marked, first, second = longer
+            n = to_go = n + 1
     safe = sorted(first or second, key=lambda j: (margins[j], j))
     while safe and not true["passes"](safe[0], n - 1):
         del safe[0]
