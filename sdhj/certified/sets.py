@@ -122,7 +122,7 @@ from tqdm import tqdm
 
 from sdhj.arm.case_studies import as_built
 from sdhj.certified.arm.proof import ArmProof
-from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
+from sdhj.certified.cells import MOST_CELLS, MOST_PIECES, CellAxis, aligned
 from sdhj.certified.choosing import chosen_cells
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import GrowsTooFast
@@ -231,4 +231,8 @@ class Certified(Options):
             cells = ARM_CELLS if as_built(problem) else chosen_cells(problem, self.parts, self.seconds)
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
-        return aligned(problem, cells)
+        axes = aligned(problem, cells)
+        # before anything is made for each cell of an axis
+        if (most := max(axis.count - sum(axis.layers) for axis in axes)) > MOST_CELLS:
+            raise ValueError(f"certifying {most:,} cells of one axis; use at most {MOST_CELLS:,}, as a file may have")
+        return axes

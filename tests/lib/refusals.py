@@ -17,6 +17,7 @@ from toys import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj import BlackBox, Certified, Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
+from sdhj.arm.workspace import Disk, Line, Still
 from sdhj.certified.check import verify
 from sdhj.cli import main
 from sdhj.solver.recursion import GridParts, bytes_of_solve
@@ -37,6 +38,12 @@ def table(method="hji", **options):
 
 def solved(problem, method="hji", **options):
     return sdhj.solve(problem, method, play=False, progress=False, **options)
+
+
+def jittered_arm(**given):
+    """The proof of an arm whose clock is off, on few cells, not solved."""
+    problem = replace(sdhj.arm_case_study(nodes=7, steps=2, **given), sensing=sdhj.Sensing(jitter=0.01))
+    return Certified(cells=(12, 12, 4, 4)).proof(problem)
 
 
 def with_target(level, **options):
@@ -265,6 +272,16 @@ ADVISED = {
         "an interval moves the state by more than 32,767 cells; use fewer cells",
         lambda to: solved(line(), Certified(cells=(500_000,))),
         lambda to: solved(line(), Certified(cells=(500,))),
+    ),
+    "more cells of an axis than a file has": (
+        "certifying 10,000,000 cells of one axis; use at most 1,000,000",
+        lambda to: patched("sdhj.certified.cells._edges", None, lambda: solved(line(), Certified(cells=(10**7,)))),
+        lambda to: solved(line(), Certified(cells=(500,))),
+    ),
+    "a clock that is off and a target on a line": (
+        r"the path of an arm's target must be a Still, .*, got Line\(.*\); use a Still, or method=\"hji\"",
+        lambda to: jittered_arm(target=Disk(Line((0.1, 0.1), (0.0, 0.0)), 0.1)),
+        lambda to: jittered_arm(target=Disk(Still((0.1, 0.1)), 0.1)),
     ),
     "a set below its sweep": (
         "or leave it out: the library then sweeps the set itself",

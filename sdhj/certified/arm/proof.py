@@ -16,6 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
+from sdhj.arm.workspace import Still
 from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, prediction_error_along, velocity_bounds
 from sdhj.certified.images import Proof
 from sdhj.common.checks import whole
@@ -57,12 +58,18 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof of an arm's problem, with all that depends on no set; `allowed` is that of `clear_of_obstacles`.
 
-        ValueError for lengths or speeds beyond `LONGEST` and for more than `MARKED_STEPS` steps.
+        ValueError for lengths or speeds beyond `LONGEST`, more than `MARKED_STEPS` steps, jitter without a `Still`.
         """
         stage, count = scene(problem), len(problem.inputs)
         arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.hold(problem.delta)[0]
         if max(arm[0] + arm[1], stage.agent_box, *(d.radius + d.speed for d in stage.obstacles), 0.0) > LONGEST:
             raise ValueError(f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second")
+        if problem.sensing.jitter and stage.target is not None and not isinstance(stage.target.path, Still):
+            # a line or circle at speed 0: what moves the problem has refused
+            raise ValueError(
+                f"with jitter the path of an arm's target must be a Still, which the checker knows to be at rest, got "
+                f'{stage.target.path}; use a Still, or method="hji"'
+            )
         if problem.steps > MARKED_STEPS:
             raise ValueError(f"certified sets are for at most {MARKED_STEPS} steps, got {problem.steps}")
         speeds = [[velocity_bounds(problem, axis, j) for j in range(count)] for axis in range(4)]
