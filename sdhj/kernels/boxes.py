@@ -48,6 +48,7 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
     share, bend = weight[0], weight[1]
+    # Linear along the way: no second difference is computed.
     if bend == 0:
         for i in range(out.size):
             value = a[i] + share * (b[i] - a[i])
@@ -77,8 +78,11 @@ def _maxima_of_turned_rows(out, values, kind, leaves, raised):
     """Write to out (rows, nodes, B) the maximum of values (rows, n, B) over an interval around each node, in place."""
     # All rows are done side by side, as each has few nodes.
     rows, nodes, after = out.shape
-    width, last = rows * after, values.shape[1]
-    turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)
+    width = rows * after
+    last = values.shape[1]
+    # Nodes first, so that rows lie side by side and the loop over them vectorises.
+    turned = np.empty((last, width), out.dtype)
+    found = np.empty(width, out.dtype)
     for node in range(last if after == 1 else 0):  # a loop within the loop would take as long as the rest
         for row in range(rows):
             turned[node, row] = values[row, node, 0]
@@ -108,8 +112,10 @@ def maximum_of_intervals(values, leaves, raised, out):
     groups, chunks = (before + each - 1) // each, 1 if short else (after + STRETCH - 1) // STRETCH
     for task in prange(count * groups * chunks):
         group, chunk = np.int64(task) // chunks, np.int64(task) % chunks
-        leaf, a = group // groups, group % groups * each
-        kind, parent = leaves.which[leaf], leaves.parent[leaf]
+        leaf = group // groups
+        a = group % groups * each
+        kind = leaves.which[leaf]
+        parent = leaves.parent[leaf]
         if short:
             _maxima_of_turned_rows(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
         else:
@@ -124,6 +130,7 @@ def maximum_along(values, out):
     """out[a, b] = the greatest of values[a, :, b]; values (A, n, B), out (A, B), written in place."""
     before, nodes, after = values.shape
     for a in prange(before):
+        # `Projected` takes the inner projection so, axis by axis (`ProjectedGames.inner_projection`).
         if after == 1:
             most = values[a, 0, 0]
             for node in range(1, nodes):

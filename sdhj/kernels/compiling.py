@@ -307,7 +307,8 @@ def free_cores() -> int:
     A thread that has to share its core is slow: beside a busy program a solve by two threads on two cores took 1.4 to
     1.7 times as long as by one.
     """
-    cores, now = os.cpu_count() or 1, time.monotonic()
+    cores = os.cpu_count() or 1
+    now = time.monotonic()
     if now - Shared.looked >= GLANCE:
         free = cores
         with suppress(OSError, ValueError, IndexError, AttributeError):
@@ -376,7 +377,8 @@ def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
 @cache
 def sources() -> str:
     """A digest of all source files of this folder: an edit of one, also of a comment, compiles all kernels anew."""
-    folder, digest = Path(__file__).parent, blake2b(digest_size=16)
+    folder = Path(__file__).parent
+    digest = blake2b(digest_size=16)
     for file in sorted(folder.rglob("*.py")):
         text = file.read_bytes()
         digest.update(f"{file.relative_to(folder).as_posix()} {len(text)} ".encode() + text)

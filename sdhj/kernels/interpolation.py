@@ -57,6 +57,7 @@ def on_grid(point, lattice):
     """Whether a point (ndim,) is finite and, to `SLACK` cells, between the ends of the lattice's bounded axes."""
     for axis in range(point.size):
         position = (point[axis] - lattice.lower[axis]) / lattice.spacing[axis]
+        # Asked this way round, as comparisons with NaN are false.
         if not (abs(position) < FAR):
             return False
         if not lattice.periodic[axis] and not (-SLACK <= position <= lattice.shape[axis] - 1 + SLACK):
@@ -84,6 +85,7 @@ def nodes_around(point, axes, lattice, tiny, index, weight):
         here = periodic_index(left - lattice.first[axis], nodes)
         there = periodic_index(left + 1 - lattice.first[axis], nodes)
         more = count
+        # Each node so far becomes two, or stays one where the point is on a node.
         for c in range(count):
             start = index[c] * lattice.extent[axis]
             if right > 0.0:
@@ -117,6 +119,7 @@ def interpolate(values, points, lattice):
         axes = np.arange(ndim)
         start = np.int64(block) * chunk
         for m in range(start, min(start + chunk, count)):
+            # Before `locate`, which must not be given what is not finite.
             if on_grid(points[m], lattice):
                 out[m] = weighted(values, 0, index, weight, nodes_around(points[m], axes, lattice, 0.0, index, weight))
             else:

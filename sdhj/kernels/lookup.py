@@ -40,7 +40,8 @@ def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, st
 
     `sdhj.table.ahead.choose_by_true_sets` does the same where a set is a black box: both change together.
     """
-    samples, times = room.samples, part(ints, floats, CHECK_TIMES)
+    samples = room.samples
+    times = part(ints, floats, CHECK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, ints, floats, leads, out, samples)
     while waiting > 0:
         if not evaluate(waiting, rows, ints, floats, times, out, samples, room.work):
@@ -48,7 +49,8 @@ def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, st
         waiting = judge(waiting, rows, checks, times.size, out, samples)
         # avoid tubes, for a state of which no input is safe any longer
         for k in range(waiting if checks == TRUE_SETS_TOO else 0):
-            r, some = samples.queue[0, k], False
+            r = samples.queue[0, k]
+            some = False
             for j in range(out.safe.shape[1]):
                 some |= out.safe[rows[r], j]
             if not some:
@@ -64,13 +66,16 @@ def _write_displacement_sets(begin, rows, states, ints, floats, ends, near, boxe
     By the tape for it, or from the columns of `ends` from `begin` on; the first `boxes` terms of `near` make hulls.
     Returns how many nodes a hull may touch at most, -1 where formulas are undefined. at (R, ndim) : overwritten.
     """
-    ndim, most = states.shape[1], 0
+    ndim = states.shape[1]
+    most = 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
     if played > 0:
         for r in range(rows.size):
             for axis in range(ndim):
                 at[r, axis] = states[rows[r], axis]
-        ahead, begins, lead = np.int64(AT_AHEAD), part(ints, floats, AT_BEGIN), near.reshape(played, near.shape[3])
+        ahead = np.int64(AT_AHEAD)
+        begins = part(ints, floats, AT_BEGIN)
+        lead = near.reshape(played, near.shape[3])
         if play_with_scratch(ints, floats, ahead, at, begins, lead, np.int64(0), rows.size, work) != 0.0:
             return -1
     elif ends.shape[3] > 1:
@@ -99,8 +104,10 @@ def _answer(rows, states, step, within, checks, ints, floats, stored_tubes, lead
 
     Column r of leads.ends is that of states[rows[r]].
     """
-    lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
-    ends, normals, scratch = leads.ends, leads.normals, room.scratch
+    lattice = unpacked_lattice(ints, floats)
+    order = part(ints, ints, AT_ORDER)
+    ends, normals = leads.ends, leads.normals
+    scratch = room.scratch
     for r in range(rows.size if checks != TRUE_SETS_ONLY else 0):
         column = r if ends.shape[3] > 1 else 0
         by_tubes(rows[r], states, step, within, stored_tubes, ends, column, normals, order, lattice, scratch, out)
@@ -127,15 +134,21 @@ def decide(
     ends, scores, normals : as in `Leads`.
     to_go, safe, margins, best : `Answers`, written in place for the given rows.
     """
-    inputs, ndim, slots, out = safe.shape[1], states.shape[1], 1, Answers(to_go, safe, margins, best)
-    count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
-    width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
-    played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, floats, AT_FACES)
+    inputs, ndim = safe.shape[1], states.shape[1]
+    slots = 1
+    out = Answers(to_go, safe, margins, best)
+    count = length(ints, np.int64(CHECK_TIMES))
+    sets = length(ints, np.int64(AT_UNSAFE + RESULTS))
+    width = max(1, min(BLOCK // max(count, 1), rows.size))  # states at a time
+    size = 64  # nodes of a block
+    played = length(ints, np.int64(AT_AHEAD + RESULTS))
+    faces = part(ints, floats, AT_FACES)
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
     stored_tubes = StoredTubes(steps, index, tubes, marks, static, still, moving, timed)
     terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
     alike = played == 0 and ends.shape[3] == 1
-    near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
+    near = ends if alike else np.empty((terms, inputs, ndim, width))
+    at = np.empty((width, ndim))
     scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
     boxes = near[: PATH if normals.shape[0] > 0 else terms]
     samples = samples_for(width if checks != TUBES else 0, inputs, count, ndim, sets)
@@ -143,13 +156,16 @@ def decide(
         slots = max(slots, slots_of(ints, np.int64(first)))
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
-        some, hulls = rows[begin : begin + width], scratch.hull
+        some = rows[begin : begin + width]
+        hulls = scratch.hull
         needed = _write_displacement_sets(begin, some, states, ints, floats, ends, near, boxes, at, hulls, work)
         if needed > size:
-            size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
+            size = 2 * needed
+            block = (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             # by place: fields 7 and 8 are `offsets` and `values`, which alone hang on the size
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]
-        led, room = Leads(near, scores, normals), Room(scratch, samples, work)
+        led = Leads(near, scores, normals)
+        room = Room(scratch, samples, work)
         if needed < 0:
             return False
         if not _answer(some, states, step, within, checks, ints, floats, stored_tubes, led, room, out):

@@ -110,6 +110,7 @@ def transpose_word_block(block):
     side, low = 32, np.uint64(0x00000000FFFFFFFF)
     while side > 0:
         k = 0
+        # Each word of a half with its partner in the other one.
         while k < 64:
             moved = ((block[k] >> np.uint64(side)) ^ block[k + side]) & low
             block[k] ^= moved << np.uint64(side)
@@ -133,6 +134,7 @@ def swap_packed(sets, first, middle, last, out):
             for along in range(sets.shape[1]):
                 for a in range(64):
                     row = 64 * across + a
+                    # Rows behind the last one are empty, so that their bits are 0 in `out`.
                     block[a] = sets[(o * first + row) * middle + m, along] if row < first else np.uint64(0)
                 transpose_word_block(block)
                 for b in range(min(64, last - 64 * along)):
@@ -151,6 +153,7 @@ def erode_packed(cells, shifts, passes):
         block = np.empty(words, np.uint64)
         for axis in range(shifts.shape[0]):
             for word in range(words):
+                # A copy, as neighbours are those before this axis.
                 block[word] = cells[row, word]
             for k in range(shifts.shape[1]):
                 for word in range(words if shifts[axis, k] != 0 else 0):
@@ -166,6 +169,7 @@ def erode_rows(cells, first, number, out):
         for word in range(words):
             out[i, word] = cells[k, word]
         for _ in range(1, number[i]):
+            # Joints turn: behind the last row comes the first.
             k = k + 1 if k + 1 < n else 0
             for word in range(words):
                 out[i, word] &= cells[k, word]
@@ -183,14 +187,17 @@ def add_certified(cells, first, number, allowed, clear, out):
         for i in range(n):
             if not allowed[a, i]:
                 continue
-            k, some = first[i], np.uint64(0)
+            k = first[i]
+            some = np.uint64(0)
             for word in range(words):
                 block[word] = cells[a, k, word] & clear[a, i, word]
                 some |= block[word]
             for _ in range(1, number[i]):
+                # Nothing is left that more rows could keep.
                 if some == 0:
                     break
-                k, some = k + 1 if k + 1 < n else 0, np.uint64(0)
+                k = k + 1 if k + 1 < n else 0
+                some = np.uint64(0)
                 for word in range(words):
                     block[word] &= cells[a, k, word]
                     some |= block[word]
@@ -212,7 +219,7 @@ def cells_at(state, cells, slack, found):
     """
     # `sdhj_place_of` in sdhj.h does the same, with the same `MOST_LAPS` and quarter of the slack: both have to find the
     # same cells
-    held = 1
+    many = 1
     for axis in range(state.size):
         count, length, width = cells.counts[axis], cells.length[axis], cells.width[axis]
         offset = state[axis] - cells.lower[axis]
@@ -237,14 +244,15 @@ def cells_at(state, cells, slack, found):
             first = count - 1
         if cells.periodic[axis] and above >= length:
             last = 0
-        for k in range(held):
+        for k in range(many):
             found[k, axis] = first
             if last != first:
+                # A second cell along this axis, for each that there is so far.
                 for other in range(axis):
-                    found[held + k, other] = found[k, other]
-                found[held + k, axis] = last
-        held *= 1 if last == first else 2
-    return held
+                    found[many + k, other] = found[k, other]
+                found[many + k, axis] = last
+        many *= 1 if last == first else 2
+    return many
 
 
 @kernel(inline="always")
@@ -252,6 +260,7 @@ def row_and_bit(cell, cells):
     """(row, bit): the number of the block of a cell (ndim,), by its first `cells.rows` axes, and of its bit there."""
     row, bit = 0, 0
     for axis in range(cell.size):
+        # The last axis fastest in both, as `index` and blocks are laid out in files.
         if axis < cells.rows:
             row = row * cells.counts[axis] + cell[axis]
         else:
@@ -295,12 +304,14 @@ def boxes_in_set(first, last, cells, index, pool, out):
     index (R,), pool (B, W) : the numbers of the blocks of the set's rows, and the blocks.
     """
     for m in range(first.shape[0]):
-        cell, more = first[m].copy(), True
+        cell = first[m].copy()
+        more = True
         out[0, m], out[1, m] = True, False
         while more and (out[0, m] or not out[1, m]):
             row, bit = row_and_bit(cell, cells)
             held = has_bit(pool[index[row]], bit)
             out[0, m], out[1, m] = out[0, m] and held, out[1, m] or held
+            # The next cell of the box, as an odometer counts.
             axis = cell.size - 1
             while axis >= 0 and cell[axis] == last[m, axis]:
                 cell[axis] = first[m, axis]

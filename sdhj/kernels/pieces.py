@@ -20,11 +20,13 @@ def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosur
         way = 2.0 * side - 1.0
         for m in range(start.shape[1]):
             for k in range(shift_invariant.size):
-                end, last = start[side, m, k], before[side, m, k]
+                end = start[side, m, k]
+                last = before[side, m, k]
                 if not shift_invariant[k]:
                     end += moved[side, m, k]
                 ends[side, m, k] = enclosure[side, m, k] = end
                 if not shift_invariant[k]:
+                    # About what the last piece added, a fifth more, and the shell, as `sweep` asks for strictly less.
                     enclosure[side, m, k] = (
                         end + (last if way * last > 0.0 else 0.0) + way * (0.2 * abs(last) + shell[k])
                     )
@@ -47,6 +49,7 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
                     moved = end + h * velocity[side, m, k]
                     end = (end if way * moved <= way * end else moved) + way * shell[k] / 4
                     out[side, m, k] = end
+                    # Strictly, which NaN never is.
                     inside &= way * end < way * enclosure[side, m, k]
     return inside
 
@@ -59,7 +62,8 @@ def narrow_to_face(ends, velocity, h, side, axis, shell, box):
     face alone moves the end on (Mueller's theorem, `Images._piece`): a wider box is safe and a narrower one is not.
     """
     for m in range(ends.shape[1]):
-        end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
+        end = ends[side, m, axis]
+        least, most = velocity[0, m, axis], velocity[1, m, axis]
         box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8
         box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + shell / 8
 
@@ -86,6 +90,7 @@ def clip_to_walls(start, moved, shift_invariant, walls):
                 begin, place = start[side, m, k], start[side, m, k] + moved[side, m, k]
                 if not shift_invariant[k] and (place < walls[0, k] or place > walls[1, k]):
                     at_wall = walls[0, k] if place < walls[0, k] else walls[1, k]
+                    # Rounded outward, as start + moved is computed once more.
                     moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)
 
 
@@ -100,6 +105,7 @@ def boxes_of_product(at, ends, sizes, out):
     """
     for m in range(at.size):
         number = at[m]
+        # The last axis fastest, as in NumPy's flat numbers, by which callers ask.
         for back in range(sizes.size):
             k = sizes.size - 1 - back
             whole = number // sizes[k]
@@ -115,10 +121,13 @@ def cut_boxes(low, high, ends, periodic, out, rows):
     """
     count = 0
     for m in range(low.shape[0]):
-        first, rows[count] = count, m
+        first = count
+        rows[count] = m
         count += 1
         for k in range(periodic.size):
-            lower, upper, begin, end, pieces = ends[0, k], ends[1, k], low[m, k], high[m, k], count - first
+            lower, upper = ends[0, k], ends[1, k]
+            begin, end = low[m, k], high[m, k]
+            pieces = count - first
             if not periodic[k]:
                 begin, end = min(max(begin, lower), upper), min(max(end, lower), upper)
             elif end - begin >= upper - lower:
@@ -129,8 +138,10 @@ def cut_boxes(low, high, ends, periodic, out, rows):
             for i in range(first, first + pieces):
                 out[0, i, k], out[1, i, k] = begin, min(end, upper)
                 if end > upper:
+                    # The piece past the seam is the box itself along the axes before.
                     for before in range(k):
                         out[0, count, before], out[1, count, before] = out[0, i, before], out[1, i, before]
-                    out[0, count, k], out[1, count, k], rows[count] = lower, end - (upper - lower), m
+                    out[0, count, k], out[1, count, k] = lower, end - (upper - lower)
+                    rows[count] = m
                     count += 1
     return count

@@ -65,7 +65,8 @@ def first_order(c, left, right):
 @_inlined
 def second_order(c, left, right):
     """(dx p-, dx p+): first differences, corrected by half the smaller of the second differences at their nodes."""
-    half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
+    half = type(c)(0.5)
+    (m1, m2, _), (p1, p2, _) = left, right
     minus, plus = c - m1, p1 - c
     bend = plus - minus
     return minus + half * _smaller(minus - (m1 - m2), bend), plus - half * _smaller((p2 - p1) - plus, bend)
@@ -79,6 +80,7 @@ def third_order(c, left, right):
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
+    # With `left` and `right` of three nodes, as `_runs_of_axes` has: a wider stencil needs more ghosts there, too.
     minus, plus = c - m1, p1 - c
     far_minus, far_plus = m1 - m2, p2 - p1
     bend_m, bend, bend_p = minus - far_minus, plus - minus, far_plus - plus
@@ -186,7 +188,8 @@ def _kept(keep, old):
 def _advance_box(out, phi, here, count, axes, box, order, flux, dt, keep):
     """out = keep out + (1 - keep) (phi + dt H) at `count` nodes from `here` on, in place; flat arrays."""
     # Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
-    zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
+    zero = phi.dtype.type(0.0)
+    rest = phi.dtype.type(1.0) - keep
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
@@ -201,6 +204,7 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
         i = np.uint64(node)
+        # Of the hull of all modes, so that one dissipation is enough for each.
         minus, plus, low, high = _upwind(phi, axis, box, order, phi[here + i], i)
         mean[i] = half * (minus + plus)
         rhs[i] += half * _larger(abs(low), abs(high)) * (plus - minus)
@@ -219,13 +223,17 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
     best (count,), p (ndim, count), drift (ndim, nodes), gain (ndim, D, nodes), at all nodes or of one plane for all.
     """
-    value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
-    at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
+    value = np.empty_like(best)
+    zero = best.dtype.type(0.0)
+    size = drift.shape[1]
+    at, stride = np.uint64(first % size), np.uint64(size)
+    flat = drift.ravel()
     for node in range(value.size):
         i = np.uint64(node)
         value[i] = _dot(axes, zero, p, flat, at, stride, i)
     for d in range(gain.shape[1]):
-        size, flat = gain.shape[2], gain.ravel()
+        size = gain.shape[2]
+        flat = gain.ravel()
         at, stride = np.uint64(d * size + first % size), np.uint64(gain.shape[1] * size)
         for node in range(value.size):
             i = np.uint64(node)
@@ -241,8 +249,11 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, dt, keep):
     velocities for the registers.
     """
     box, _, drift, gain = velocities
-    rest, like = phi.dtype.type(1.0) - keep, phi[:count]
-    p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
+    rest = phi.dtype.type(1.0) - keep
+    like = phi[:count]
+    p = np.empty((len(axes), count), phi.dtype)
+    rhs = np.zeros_like(like)
+    best = np.full_like(like, -np.inf)
     for axis in range(len(axes)):
         _mean_and_dissipation(p[axis], rhs, phi, here, axes[axis], box, order)
     for mode in range(len(drift)):
@@ -274,7 +285,8 @@ def _fill_ghosts(plane, layout, begin, end):
 def _stage_share(phi, out, obstacle, velocities, order, flux, layout, dt, keep, share, shares):
     """One thread's share of `stage`, number `share` of `shares`: some of the chunks of all planes, in place."""
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
-    size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
+    size = (layout.rows + 2 * layout.top) * layout.width
+    tasks = layout.near.shape[0] * layout.chunks
     for task in range(share * tasks // shares, (share + 1) * tasks // shares):
         plane = task // layout.chunks
         chunk = task - plane * layout.chunks
@@ -286,6 +298,7 @@ def _stage_share(phi, out, obstacle, velocities, order, flux, layout, dt, keep, 
             _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, order, dt, keep)
         else:
             _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], order, flux, dt, keep)
+        # Without an obstacle its array is empty.
         if least.size > 0:
             raise_to(ahead[first : first + count], least[first : first + count])
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)

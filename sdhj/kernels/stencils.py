@@ -84,6 +84,7 @@ def is_clear(clear, begins, bit, j):
     """Whether input j is clear of all kinds from the cell with index `bit` on the last axis of `begins_of_clear`."""
     out = True
     for kind in range(begins.size):
+        # All kinds of dangers, each by cells of its own axes; the first that is not clear is enough.
         at = begins[kind] + bit * clear.strides[kind, clear.strides.shape[1] - 1]
         out &= (clear.bits[at + (j >> 3)] >> (j & 7)) & 1 != 0
         if not out:
@@ -94,6 +95,7 @@ def is_clear(clear, begins, bit, j):
 @kernel(**UNCOUNTED)
 def next_in_box(at, number, axes):
     """Move at (axes,), in place, to the next point of a box, 0 <= at < number, the last axis fastest, all around."""
+    # After the last point comes the first: callers count the points, and need not start anew.
     axis = axes - 1
     while axis >= 0:
         at[axis] += 1
@@ -110,9 +112,11 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
     Clipped at the ends of a bounded axis, once around a periodic one at most. Returns the number of rows, over all axes
     but the last; 0 past a safe end.
     """
-    first, number, at, total = box[0], box[1], box[2], 1
+    first, number, at = box[0], box[1], box[2]
+    total = 1
     for axis in range(axes):
-        count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
+        count = cells.counts[axis]
+        begin, end = cell[axis] + low[axis], cell[axis] + high[axis]
         if not cells.periodic[axis]:
             if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
                 return 0
@@ -122,6 +126,7 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
         first[axis], number[axis], at[axis] = begin, end - begin + 1, 0
         if not 0 <= begin < count:  # a remainder takes longest
             first[axis] = begin % count
+        # Rows alone: along the last axis cells are bits of one.
         total *= number[axis] if axis < cell.size - 1 else 1
     return total
 
@@ -131,7 +136,8 @@ def row_of_box(box, cells):
     """The number of the row of cells at which a box (3, ndim) stands, its first cell + box[2]."""
     row = 0
     for axis in range(cells.counts.size - 1):
-        count, place = cells.counts[axis], box[0, axis] + box[2, axis]
+        count = cells.counts[axis]
+        place = box[0, axis] + box[2, axis]
         row = row * count + (place if place < count else place - count)  # a remainder takes longest
     return row
 
@@ -143,8 +149,10 @@ def rows_inside(total, cells, index, pool, scratch):
     scratch (3, ndim) : the box, as `box_of_image` left it; overwritten.
     """
     last = cells.counts.size - 1
-    whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
-    word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
+    whole = cells.counts[last]
+    begin, end = scratch[0, last], scratch[0, last] + scratch[1, last]
+    word = begin >> 6
+    short = end <= whole and (end - 1) >> 6 == begin >> 6
     asked = bits_between(word, begin, end)  # all of them where it is short, which most are
     for _ in range(total):
         block = pool[index[row_of_box(scratch, cells)]]
@@ -170,6 +178,7 @@ def move_inside(cell, j, place, moves, cells, index, pool, scratch):
 def runs_of_ones(block, begin, length):
     """A word whose bit b is set where `length`, 1 to 64, bits of a block are all set from begin + b on."""
     low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
+    # By doubling: from runs of n to runs of up to 2 n in one step.
     while run < length:
         more = min(run, length - run)
         low &= low >> np.uint64(more) | high << np.uint64(64 - more)
@@ -183,6 +192,7 @@ def runs_of_any_length(block, begin, length):
     """`runs_of_ones` of any length; all ones where it is 0 or less. Beyond the ends of the block bits count as 0."""
     out = ~np.uint64(0)
     for at in range(0, length, 64):
+        # By 64, as many as a word and the one behind it tell.
         out &= runs_of_ones(block, begin + at, min(length - at, 64))
     return out
 
@@ -194,12 +204,14 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     extended (R, margin + W + margin) : the rows of the set, with what comes before and behind them along the last axis.
     """
     # `Packing._extended` makes them by `with_margins`, wide enough for the farthest image
-    last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
+    last, count = cell.size - 1, cells.counts[cell.size - 1]
+    some = np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
         for _ in range(total):
+            # With what is past a seam of the last axis, so that no bit has to go around.
             block = extended[row_of_box(scratch, cells)]
             found[j] &= runs_of_any_length(block, begin, min(length, count))
             if found[j] == 0:
@@ -216,12 +228,15 @@ def grow(near, inside, following, clear, moves, cells, keep):
     near, inside, following (R, W) : the words that are looked at, and the sets; where all cells along the last axis are
         at one place, `following` may be extended as in `images_inside`.
     """
-    index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
+    index = np.arange(len(inside))
+    ndim = cells.counts.size
+    rows, words = inside.shape
     for i in prange(rows):
         row = np.int64(i)
         if near[row].any():
             images_in = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
-            at, begins = np.empty((4, ndim), np.int64), np.empty(clear.begin.size, np.int64)
+            at = np.empty((4, ndim), np.int64)
+            begins = np.empty(clear.begin.size, np.int64)
             grow_row(row, near[row], inside[row], index, following, clear, moves, cells, keep, at, images_in, begins)
 
 
@@ -231,8 +246,12 @@ def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices,
 
     indices (4, ndim), images_in (L,), begins (G,) : overwritten.
     """
-    begin, tried = 0, 0
-    last, count, some, cell = cells.counts[-1], moves.low.shape[0], ~np.uint64(0), indices[3]
+    begin = 0
+    tried = 0
+    last = cells.counts[-1]
+    count = moves.low.shape[0]
+    some = ~np.uint64(0)
+    cell = indices[3]
     cell_of(row * last, cells.counts, cell)
     begins_of_clear(cell, clear, begins)
     for axis in range(cell.size):
@@ -241,13 +260,15 @@ def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices,
         asked = (inside[word] if keep else ~inside[word]) & bits_between(word, 0, last)
         if not near[word] or asked == 0:
             continue
+        # All inputs for the whole word first, where one image serves all of its cells.
         if images_in.size > 0:
             images_in[:] = asked
             some = images_inside(word, cell, begin, moves, cells, pool, indices, images_in)
         for bit in range(64 * word, min(64 * word + 64, last)):
             if not (asked >> np.uint64(bit & 63)) & BIT:
                 continue
-            cell[cell.size - 1], found = bit, (some >> np.uint64(bit & 63)) & BIT != 0
+            cell[cell.size - 1] = bit
+            found = (some >> np.uint64(bit & 63)) & BIT != 0
             place = begin + bit * moves.strides[cell.size - 1]
             for turn in range(count if found else 0):
                 j = (tried + turn) % count  # what served before is tried first
@@ -259,6 +280,7 @@ def grow_row(row, near, inside, index, pool, clear, moves, cells, keep, indices,
                 if found:
                     tried = j
                     break
+            # Growing sets a bit that was found, keeping takes one that was not.
             if found != keep:
                 inside[word] ^= BIT << np.uint64(bit & 63)
 
@@ -269,9 +291,11 @@ def add_marked(inside, clear, marks, strides, counts):
 
     marks (sites, bytes). strides, counts (ndim,) : a cell is at the site sum(cell * strides); the numbers of cells.
     """
-    rows, last = inside.shape[0], counts[counts.size - 1]
+    rows = inside.shape[0]
+    last = counts[counts.size - 1]
     for chunk in prange(CHUNKS):
-        cell, begins = np.empty(counts.size, np.int64), np.empty(clear.begin.size, np.int64)
+        cell = np.empty(counts.size, np.int64)
+        begins = np.empty(clear.begin.size, np.int64)
         for i in range(np.int64(chunk) * rows // CHUNKS, (np.int64(chunk) + 1) * rows // CHUNKS):
             site = 0
             cell_of(np.int64(i) * last, counts, cell)
@@ -282,9 +306,10 @@ def add_marked(inside, clear, marks, strides, counts):
                 at = site + bit * strides[counts.size - 1]
                 for byte in range(marks.shape[1]):
                     some = marks[at, byte]
+                    # As many inputs at once as are in a byte; once none is left, no more is asked.
                     for kind in range(begins.size if some else 0):
-                        own = begins[kind] + bit * clear.strides[kind, counts.size - 1]
-                        some &= clear.bits[own + byte]
+                        clear_at = begins[kind] + bit * clear.strides[kind, counts.size - 1]
+                        some &= clear.bits[clear_at + byte]
                     if some:
                         inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
 
@@ -301,6 +326,7 @@ def boxes_along(low, high, k, lattice):
         lap = size // 2
         if end - begin >= length:
             return 0, lap
+        # Both by the same turns, so that the interval keeps its length.
         begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
         first = min(math.floor(begin / pitch), lap - 1)
         if end > length:
@@ -310,6 +336,7 @@ def boxes_along(low, high, k, lattice):
     else:
         first = min(max(math.floor(begin / pitch), 0), size - 1)
         last = min(max(math.ceil(end / pitch), 0), size)
+    # A tube of no width on an edge overlaps the box above it.
     return first, max(last, first + 1)
 
 
@@ -355,6 +382,7 @@ def parts_inside(cell, tube, layout):
     for axis in range(cell.size):
         if layout.safe[0, axis] > -np.inf or layout.safe[1, axis] < np.inf:
             break
+    # Without safe ends, which most robots have none of, nothing has left.
     else:
         return tube.shape[0]
     for part in range(tube.shape[0]):
@@ -362,6 +390,7 @@ def parts_inside(cell, tube, layout):
             if layout.edges[axis, cell[axis]] + tube[part, axis, 0] > layout.safe[1, axis] or (
                 layout.edges[axis, cell[axis] + 1] + tube[part, axis, 1] < layout.safe[0, axis]
             ):
+                # From here on it is beyond: what it meets there does not count.
                 return part
     return tube.shape[0]
 
@@ -387,14 +416,20 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
         many places lines follow one another, at most.
     """
     # bits are only cleared: sets, parts and steps may be marked one after another, in any order
-    d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
+    d = lattice.axes.size
+    spans = tubes.shape[1] + 1
+    length = layout.length
     together = max(min(together, CELLS_TOGETHER // length), 1)
     for chunk in prange(CHUNKS):
-        cell, known = np.empty(layout.counts.size, np.int64), np.full((together, spans), -1)
+        cell = np.empty(layout.counts.size, np.int64)
+        known = np.full((together, spans), -1)
         along = np.empty((together, spans, 2, length), np.int64)
         hulls = np.empty((together, spans, 2, length // SEGMENT + 1), np.int64)
-        corner, at = np.empty((2, 1 << d - 1), np.int64), np.empty((2, d), np.int64)
-        left, met, number = np.empty(length, np.int64), np.empty(length, np.int64), np.int64(chunk)
+        corner = np.empty((2, 1 << d - 1), np.int64)
+        at = np.empty((2, d), np.int64)
+        left = np.empty(length, np.int64)
+        met = np.empty(length, np.int64)
+        number = np.int64(chunk)
         scratch = Lines(cell, known, along, hulls, corner, at, left, met)
         mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, number, scratch)
 
@@ -407,28 +442,34 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
     place is followed by that of the next, so that memory is read once.
     """
     cell, known, along, hulls, corner, at, left, met = scratch
-    lines, sums = layout.offset.size, lattice.sums
-    total, together = (places[1] - places[0]) * lines, known.shape[0]
+    lines = layout.offset.size
+    sums = lattice.sums
+    total = (places[1] - places[0]) * lines
+    together = known.shape[0]
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         group = i // (lines * together) * together  # the first of some places, the last of which may be fewer
         size = min(together, places[1] - places[0] - group)
-        line, own = (i - group * lines) // size, (i - group * lines) % size
-        place = group + own
-        first, tube = layout.begin[places[0] + place] + layout.offset[line], tubes[place]
+        line, nth = (i - group * lines) // size, (i - group * lines) % size
+        place = group + nth
+        first = layout.begin[places[0] + place] + layout.offset[line]
+        tube = tubes[place]
         cell_of(first, layout.counts, cell)
-        begin, more = cell[layout.axis], 0
+        begin = cell[layout.axis]
+        more = 0
         for n in range(left.size):
             left[n] = parts_inside(cell, tube, layout) if clear[first + n * layout.stride] & bit else 0
             cell[layout.axis] += 1
             more += left[n]
         for span in range(known.shape[1] if more > 0 else 0):
-            if known[own, span] != place:
-                boxes_of_a_line(begin, span, tube, lattice, layout, along[own, span], hulls[own, span])
-                known[own, span] = place
+            # Lines of one place have the same boxes along them: these are made once for all.
+            if known[nth, span] != place:
+                boxes_of_a_line(begin, span, tube, lattice, layout, along[nth, span], hulls[nth, span])
+                known[nth, span] = place
             corners_of_a_line(cell, span, tube, lattice, layout, corner, at)
-            count_in_a_line(sums[(span - 1) % len(sums)], corner, along[own, span], hulls[own, span], left, met)
+            count_in_a_line(sums[(span - 1) % len(sums)], corner, along[nth, span], hulls[nth, span], left, met)
             more = 0
             for n in range(left.size):
+                # Span 0 has only said that some part may meet something: the parts decide.
                 if span > 0 and span <= left[n] and met[n] > 0:
                     clear[first + n * layout.stride] &= ~bit
                 left[n] = left[n] if (met[n] > 0) == (span == 0) else 0
@@ -440,10 +481,12 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
 @kernel(inline="always")
 def swept_boxes(number, span, tube, k, lattice, edges):
     """(first, past): which boxes along the lattice's k-th axis the tube of a cell of that axis overlaps in a span."""
-    axis, begin, end = lattice.axes[k], max(span - 1, 0), span if span > 0 else tube.shape[0]
+    axis = lattice.axes[k]
+    begin, end = max(span - 1, 0), span if span > 0 else tube.shape[0]
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
     for part in range(begin + 1, end):
         low, high = min(low, tube[part, axis, 0]), max(high, tube[part, axis, 1])
+    # Boxes have been widened by more (`counted_boxes`), so that tubes may be narrowed by this.
     low, high = low + lattice.narrow[k], high - lattice.narrow[k]
     return boxes_along(edges[axis, number] + low, edges[axis, number + 1] + high, k, lattice)
 
@@ -460,7 +503,8 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, along, hulls):
             hulls[0], hulls[1] = step * lattice.sizes[k], 0
             for n in range(along.shape[1]):
                 first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)
-                along[0, n], along[1, n], segment = step * first, step * last, n // SEGMENT
+                along[0, n], along[1, n] = step * first, step * last
+                segment = n // SEGMENT
                 hulls[0, segment] = min(hulls[0, segment], along[0, n])
                 hulls[1, segment] = max(hulls[1, segment], along[1, n])
         step *= lattice.sizes[k] + 1
@@ -477,7 +521,10 @@ def corners_of_a_line(cell, span, tube, lattice, layout, corner, at):
         if lattice.axes[k] != layout.axis:
             at[0, k], at[1, k] = swept_boxes(cell[lattice.axes[k]], span, tube, k, lattice, layout.edges)
     for c in range(corner.shape[1]):
-        flat, sign, sides = 0, 1, c
+        # A corner for each choice of the near or the far end along the other axes, as of any prefix sum.
+        flat = 0
+        sign = 1
+        sides = c
         for k in range(d):
             flat *= lattice.sizes[k] + 1
             if lattice.axes[k] != layout.axis:
@@ -494,11 +541,13 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
     Segments are looked up first; 0 is written in those that overlap no such box, or where left (length,) is 0.
     """
     for segment in range(hulls.shape[1]):
-        begin, end, found = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size), 0
+        begin, end = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size)
+        found = 0
         met[begin:end] = 0
         for c in range(corner.shape[1] if left[begin:end].any() else 0):
             flat, sign = corner[0, c], corner[1, c]
             found += sign * (sums[flat + hulls[1, segment]] - sums[flat + hulls[0, segment]])
+        # Only where the whole segment overlaps one of them, each cell by itself.
         for n in range(begin, end if found > 0 else begin):
             for c in range(corner.shape[1] if left[n] > 0 else 0):
                 flat, sign = corner[0, c], corner[1, c]
@@ -513,7 +562,8 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
     """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
-        cell, far = np.empty(ndim, np.int64), np.empty((2, ndim))
+        cell = np.empty(ndim, np.int64)
+        far = np.empty((2, ndim))
         mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, np.int64(chunk), cell, far)
 
 
@@ -523,26 +573,33 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, cell, f
 
     A line is looked at from both ends until a cell stays: those between do so, too, as all move alike.
     """
-    lines, along = layout.offset.size, layout.axis
-    total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
+    lines = layout.offset.size
+    along = layout.axis
+    total = (places[1] - places[0]) * lines
+    known = (-1, -1)
+    gone = False
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         place = places[0] + i // lines
-        first, tube = layout.begin[place] + layout.offset[i % lines], tubes[place - places[0]]
+        first = layout.begin[place] + layout.offset[i % lines]
+        tube = tubes[place - places[0]]
         cell_of(first, layout.counts, cell)
-        begin, n, step = cell[along], 0, 1
+        begin = cell[along]
+        n, step = 0, 1
         while 0 <= n < layout.length:
             cell[along] = begin + n
             parts = parts_inside(cell, tube, layout)
             new = known != (place, parts)
             if new:
-                known, far[0], far[1] = (place, parts), np.inf, -np.inf
+                known = (place, parts)
+                far[0], far[1] = np.inf, -np.inf
                 for part in range(parts):
                     for axis in range(cell.size):
                         far[0, axis] = min(far[0, axis], tube[part, axis, 0])
                         far[1, axis] = max(far[1, axis], tube[part, axis, 1])
+            # Axes across the line say the same of all of its cells, until the parts change.
             if new or n == 0:
-                left = past_a_face(cell, far, faces, layout.edges, along, True)
-            if left or past_a_face(cell, far, faces, layout.edges, along, False):
+                gone = past_a_face(cell, far, faces, layout.edges, along, True)
+            if gone or past_a_face(cell, far, faces, layout.edges, along, False):
                 clear[first + n * layout.stride] &= ~bit
             elif step < 0 or n == layout.length - 1:
                 break
@@ -554,12 +611,12 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, cell, f
 @kernel(inline="always")
 def past_a_face(cell, far, faces, edges, along, others):
     """Whether a cell (ndim,), moved by far (2, ndim), is beyond a face (2, ndim) on `along`, or all `others`."""
-    left = False
+    gone = False
     for axis in range(cell.size):
         if (axis == along) != others:
-            left |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]
-            left |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
-    return left
+            gone |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]
+            gone |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
+    return gone
 
 
 @kernel(nogil=True)
@@ -569,15 +626,19 @@ def certified_inputs(some, steps_left, cells, moves, clear, sets, pool, out):
     steps_left (M,) : 0 for no input. sets (n, R) : the blocks in `pool` of the sets with 0, 1, ... steps to go, the
         last for all later ones; n = 0: clear is enough.
     """
-    scratch, begins = np.empty((3, some.shape[1]), np.int64), np.empty(clear.begin.size, np.int64)
+    scratch = np.empty((3, some.shape[1]), np.int64)
+    begins = np.empty(clear.begin.size, np.int64)
     for m in range(some.shape[0]):
-        cell, following, place = some[m], max(min(steps_left[m], len(sets)) - 1, 0), 0
+        cell = some[m]
+        following = max(min(steps_left[m], len(sets)) - 1, 0)
+        place = 0
         begins_of_clear(cell, clear, begins)
         for axis in range(cell.size):
             place += cell[axis] * moves.strides[axis]
         for j in range(out.shape[1]):
             if out[m, j]:
                 out[m, j] = steps_left[m] > 0 and is_clear(clear, begins, cell[cell.size - 1], j)
+            # Without sets only clear inputs are asked for (`CLEAR`).
             if out[m, j] and len(sets) > 0:
                 out[m, j] = move_inside(cell, j, place, moves, cells, sets[following], pool, scratch)
 
@@ -591,27 +652,35 @@ def inputs_in_lines(some, steps_left, cells, moves, along, sets, pool, out):
 
     along : an axis, not the last one, that no place depends on, without safe ends.
     """
-    ndim, begin, scratch = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
+    ndim = some.shape[1]
+    begin = 0
+    scratch = np.empty((3, some.shape[1]), np.int64)
     seen = np.empty((len(sets), 3), np.int64)
     while begin < some.shape[0]:
-        end, place = begin + 1, 0
+        end = begin + 1
+        place = 0
         while end < some.shape[0] and same_line(some[begin], some[end], along):
             end += 1
         for axis in range(ndim):
             place += some[begin, axis] * moves.strides[axis]
         for j in range(out.shape[1]):
+            # An input that is safe nowhere in the line costs nothing.
             if out[begin:end, j].any():
                 low, high = moves.low[j, place], moves.high[j, place]
                 total = box_of_image(some[begin], low, high, moves.safe, cells, ndim, scratch)
                 if total == 0:  # past a safe end nothing is asked
                     continue
                 total //= scratch[1, along]
-                rows, scratch[0, along], scratch[1, along] = np.empty(total, np.int64), 0, 1
+                rows = np.empty(total, np.int64)
+                scratch[0, along], scratch[1, along] = 0, 1
                 for r in range(total):
                     rows[r] = row_of_box(scratch, cells)
                     next_in_box(scratch[2], scratch[1], ndim - 1)
-                line, bit, past = slice(begin, end), scratch[0, -1], scratch[0, -1] + scratch[1, -1]
-                own, left, near, far = some[line, along], steps_left[line], low[along], high[along]
+                line = slice(begin, end)
+                bit, past = scratch[0, -1], scratch[0, -1] + scratch[1, -1]
+                own = some[line, along]
+                left = steps_left[line]
+                near, far = low[along], high[along]
                 seen[:, 1] = -2
                 slid_inside(own, left, near, far, along, rows, bit, past, cells, sets, pool, seen, out[line, j])
         begin = end
@@ -632,10 +701,13 @@ def slid_inside(own, steps_left, low, high, along, rows, bit, past, cells, sets,
     own (M,) : the cells' indices there. low, high : of an image there, as offsets. rows (R,) : of a slice of an image,
         as if at index 0; bit, past : its first cell and the one past the last on the last axis.
     """
-    count, stride, whole = cells.counts[along], 1, cells.counts[-1]
+    count = cells.counts[along]
+    stride = 1
+    whole = cells.counts[-1]
     for axis in range(along + 1, cells.counts.size - 1):
         stride *= cells.counts[axis]
-    word, wanted = bit >> 6, bits_between(bit >> 6, bit, past)
+    word = bit >> 6
+    wanted = bits_between(bit >> 6, bit, past)
     short = past <= whole and (past - 1) >> 6 == word
     for m in range(out.size):
         if not out[m]:
@@ -647,12 +719,15 @@ def slid_inside(own, steps_left, low, high, along, rows, bit, past, cells, sets,
             near, far = 0, count - 1
         following = max(min(steps_left[m], len(sets)) - 1, 0)
         # of the set: the first slice looked at, the last one, -2 for none, and the last that is not in the set
-        index, known = sets[following], seen[following]
+        index = sets[following]
+        known = seen[following]
+        # The first image, or one that does not follow the one before: slices are looked at anew.
         if known[1] == -2 or near < known[0] or near > known[1] + 1 or far < known[1]:
             known[0], known[1], known[2] = near, near - 1, near - 1
         while known[2] < near and known[1] < far:
             known[1] += 1
-            inside, at = True, known[1] % count * stride
+            inside = True
+            at = known[1] % count * stride
             for r in range(rows.size):
                 block = pool[index[at + rows[r]]]
                 if short:

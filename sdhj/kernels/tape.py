@@ -63,7 +63,8 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
     """[least of 4, greatest of 4, least of 16, ...]: extremes in blocks of a table's nodes, until few are left."""
     # `_extremes_of_blocks` finds the levels by their sizes, and stops at the last one at the latest, as few blocks are
     # left there
-    found, least, greatest = list[FloatArray](), values, values
+    found = list[FloatArray]()
+    least, greatest = values, values
     while least.size > MOST_NODES[values.ndim]:
         for axis in range(values.ndim):
             begins = np.arange(0, least.shape[axis], 4)
@@ -78,11 +79,13 @@ def packed(*arrays: Packable) -> Tape:
     Before the whole numbers stands where each array begins and ends; `part` finds it. A list counts as one array.
     """
     # Python hands over few arrays sooner than many. Lists are copied once: maps are large.
-    where, ends = np.zeros((len(arrays), 2), np.int64), [2 * len(arrays), 0]
+    where = np.zeros((len(arrays), 2), np.int64)
+    ends = [2 * len(arrays), 0]
     parts: tuple[list[FloatArray], list[FloatArray]] = ([where.ravel()], [np.zeros(0)])
     for row, given in zip(where, arrays, strict=True):
         some = given if isinstance(given, list) else [given]
-        sort, size = int(some[0].dtype.kind == "f"), sum(one.size for one in some)
+        sort = int(some[0].dtype.kind == "f")
+        size = sum(one.size for one in some)
         parts[sort].extend(one.ravel() for one in some)
         row[:] = ends[sort], ends[sort] + size
         ends[sort] += size
@@ -117,6 +120,7 @@ def _arithmetic(op, scratch, i, j, k, count):
     elif op == SUB:
         for m in range(count):
             out[m] = a[m] - b[m]
+    # Truth values are 1 and 0, so AND is a product and OR the larger one.
     elif op == MUL or op == SQR or op == AND:
         for m in range(count):
             out[m] = a[m] * b[m]
@@ -147,6 +151,7 @@ def _arithmetic(op, scratch, i, j, k, count):
 def _elementary(op, scratch, i, j, k, count):
     """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from POW to MOD; NaN outside a domain. In place."""
     a, b, out = scratch[i], scratch[j], scratch[k]
+    # By `elementary` and not NumPy, whose last digits are others on another machine.
     if op == POW:
         for m in range(count):
             out[m] = elementary.pow(a[m], b[m])
@@ -191,7 +196,8 @@ def _power(scratch, i, n, k, count):
 
     By squares, from the first binary digit of |n| on: the relative error is at most that of |n| roundings.
     """
-    (a, out), digits = (scratch[i], scratch[k]), 0
+    a, out = scratch[i], scratch[k]
+    digits = 0
     for m in range(count):
         out[m] = 1.0 if a[m] == a[m] else NAN
     while abs(n) >> digits:
@@ -215,6 +221,7 @@ def _truths(op, scratch, i, j, k, last, count):
     Truth values are 1 and 0. NaN where an operand that counts is NaN: of `where`, the one that is not chosen does not.
     """
     a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
+    # abs(0 a) is 0 for a zero of either sign, and NaN for NaN.
     if op == SIGN:
         for m in range(count):
             out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
@@ -244,6 +251,7 @@ def _values(op, scratch, i, j, k, n, last, count):
 
     n : the exponent of `power`. last : the row of the third operand of `where`.
     """
+    # In the order of the numbers of operations: one that is added stands in the range of its kind.
     if op < POWER:
         _arithmetic(op, scratch, i, j, k, count)
     elif op == POWER:
@@ -260,9 +268,11 @@ def _interpolated(tables, first, lookup, position, corner):
 
     lookup (14,) : the table's row in `Tape`; its values are tables[first:]. corner (64,) : overwritten.
     """
-    axes, most = lookup[0], 0.0
+    axes = lookup[0]
+    most = 0.0
     for c in range(1 << axes):
         index = 0
+        # The first axis is the highest bit of a corner, as values lie in C order.
         for axis in range(axes):
             nodes = lookup[7 + axis]
             index = index * nodes + min(int(position[axis]), nodes - 2) + ((c >> (axes - 1 - axis)) & 1)
@@ -271,9 +281,9 @@ def _interpolated(tables, first, lookup, position, corner):
     size = 1 << axes
     for axis in range(axes):
         size >>= 1
-        share = position[axis] - min(int(position[axis]), lookup[7 + axis] - 2)
+        weight = position[axis] - min(int(position[axis]), lookup[7 + axis] - 2)
         for c in range(size):
-            corner[c] = (1.0 - share) * corner[c] + share * corner[c + size]
+            corner[c] = (1.0 - weight) * corner[c] + weight * corner[c + size]
     return corner[0], most
 
 
@@ -289,6 +299,7 @@ def _gridded(lookup, places, tables, scratch, place, out, count, position, corne
             x = (scratch[place[lookup[1 + axis]], m] - places[axis]) / places[6 + axis]
             position[axis] = min(max(x, 0.0), lookup[7 + axis] - 1.0)
             fine &= x == x
+        # Of a coordinate that is NaN nothing is looked up: its node could be any number.
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
@@ -317,7 +328,8 @@ def play_with_scratch(ints, floats, first, points, parameters, out, start, stop,
     # A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
     # overwritten.
     scratch, place = work.rows, work.place
-    spare, total = slots_of(ints, np.int64(first)), 0.0
+    spare = slots_of(ints, np.int64(first))
+    total = 0.0
     for slot in range(spare):
         place[slot] = slot
     code, outputs = part(ints, ints, first + CODE), part(ints, ints, first + RESULTS)
@@ -338,7 +350,8 @@ def play_with_scratch(ints, floats, first, points, parameters, out, start, stop,
                 lookup, there = lookups[14 * a : 14 * a + 14], places[12 * a : 12 * a + 12]
                 _gridded(lookup, there, tables, scratch, place, scratch[spare], count, work.position, work.corner)
             else:
-                i, last = place[a], place[code[5 * k + 4]] if op == WHERE else 0
+                i = place[a]
+                last = place[code[5 * k + 4]] if op == WHERE else 0
                 _values(op, scratch, i, place[code[5 * k + 3]], spare, int(value[k]), last, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
@@ -421,8 +434,10 @@ def _outward(op, fact, scratch, i, j, k, n, count):
         for m in range(count):
             shift = 0.25 if op == SIN else 0.0
             out[0, m], out[1, m] = bounds.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
-    share, tiny = fact[ERROR] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[ERROR] > 0.0 else 0.0
-    zero, lowest, highest = fact[NEAR_ZERO], fact[LOWEST] if op != POWER or n % 2 != 0 else 0.0, fact[HIGHEST]
+    share = fact[ERROR] if op != POWER else (abs(n) + 3.0) * STEP
+    tiny = TINY if fact[ERROR] > 0.0 else 0.0
+    zero = fact[NEAR_ZERO]
+    lowest, highest = fact[LOWEST] if op != POWER or n % 2 != 0 else 0.0, fact[HIGHEST]
     for m in range(count):
         low, high = bounds.widened(out[0, m], out[1, m], share, tiny, zero)
         out[0, m], out[1, m] = larger(lowest, low), lesser(highest, high)
@@ -468,6 +483,7 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
         for m in range(count):
             low, high = bounds.div(a[0, m], a[1, m], b[0, m], b[1, m])
             low, high = lesser(1.0, larger(-1.0, low)), lesser(1.0, larger(-1.0, high))
+            # Where the divisor may be 0, a share is anything from -1 to 1.
             zero = (b[0, m] <= 0.0) & (b[1, m] >= 0.0)
             out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high
     elif op == EQUAL:
@@ -476,6 +492,7 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
             out[1, m] = 1.0 if (a[0, m] <= b[1, m]) & (b[0, m] <= a[1, m]) else 0.0
     elif op == WHERE:
         for m in range(count):
+            # A branch that is surely not taken may even be undefined.
             sure, never = a[0, m] > 0.0, a[1, m] <= 0.0
             low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))
             high = b[1, m] if sure else (c[1, m] if never else larger(b[1, m], c[1, m]))
@@ -486,11 +503,14 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 @kernel(nogil=True, error_model="numpy")
 def _copy_nodes(lookup, tables, first, last, block, at):
     """Copy a table's values at the nodes first to last (axes,), included, to block (nodes,); returns how many."""
-    at[:], axes, place = first, lookup[0], 0
+    at[:] = first
+    axes = lookup[0]
+    place = 0
     while at[0] <= last[0]:
         index = np.int64(0)
         for axis in range(axes):
             index = index * lookup[7 + axis] + at[axis]
+        # Along the last axis nodes lie together: they are copied as a run.
         row = lookup[13] + index - at[axes - 1]
         for k in range(first[axes - 1], last[axes - 1] + 1):
             block[place] = tables[row + k]
@@ -515,6 +535,7 @@ def _interpolate_ends(block, before, count, behind, low, high):
     for row in range(before):
         begin, end = row * count * behind, (row * count + count - 2) * behind
         for k in range(behind):
+            # Both before either is written, as of two nodes each is read for both.
             first = (1.0 - low) * block[begin + k] + low * block[begin + behind + k]
             last = (1.0 - high) * block[end + k] + high * block[end + behind + k]
             block[begin + k], block[end + behind + k] = first, last
@@ -523,23 +544,32 @@ def _interpolate_ends(block, before, count, behind, low, high):
 @kernel(nogil=True, error_model="numpy")
 def _extremes_of_blocks(lookup, tables, first, last):
     """(least, greatest) of a table in few blocks of its `pyramid` that cover the nodes first to last (axes,)."""
-    axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
+    axes = lookup[0]
+    start = lookup[13]
+    level = 0
+    size, total = np.int64(1), np.int64(MOST_NODES[6] + 1)
     for axis in range(axes):
         size *= lookup[7 + axis]
+    # Coarser and coarser, until there are few enough; at the last level there always are.
     while total > MOST_NODES[axes]:
         start += size * (2 if level else 1)  # behind the values, or the least and greatest of smaller blocks
-        level, size, total = level + 2, np.int64(1), np.int64(1)
+        level = level + 2
+        size, total = np.int64(1), np.int64(1)
         for axis in range(axes):
             size *= ((lookup[7 + axis] - 1) >> level) + 1
             total *= (last[axis] >> level) - (first[axis] >> level) + 1
     low, high = INF, -INF
     for number in range(total):
-        index, rest, step = np.int64(0), np.int64(number), np.int64(1)
+        index = np.int64(0)
+        rest = np.int64(number)
+        step = np.int64(1)
         for axis in range(axes - 1, -1, -1):
-            begin, nodes = first[axis] >> level, ((lookup[7 + axis] - 1) >> level) + 1
+            begin = first[axis] >> level
+            nodes = ((lookup[7 + axis] - 1) >> level) + 1
             many = (last[axis] >> level) - begin + 1
             index += step * (begin + rest % many)
-            rest, step = rest // many, step * nodes
+            rest = rest // many
+            step = step * nodes
         low, high = min(low, tables[start + index]), max(high, tables[start + size + index])
     return low, high
 
@@ -550,12 +580,16 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
 
     The extremes are among the ends of the box and the nodes inside; many are bounded by blocks (`pyramid`).
     """
-    axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
-    ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)
+    axes = lookup[0]
+    block = np.empty(MOST_NODES[lookup[0]])
+    ends = np.empty((2, 6))
+    first, last, at = np.empty((3, 6), np.int64)
     for m in range(count):
-        fine, total = True, np.int64(1)
+        fine = True
+        total = np.int64(1)
         for axis in range(axes):
-            row, most = 2 * place[lookup[1 + axis]], lookup[7 + axis] - 1
+            row = 2 * place[lookup[1 + axis]]
+            most = lookup[7 + axis] - 1
             lower, spacing = places[axis], places[6 + axis]
             low, high = (scratch[row, m] - lower) / spacing, (scratch[row + 1, m] - lower) / spacing
             low, high = bounds.widened(low, high, 3.0 * STEP, TINY, TINY)
@@ -591,6 +625,7 @@ def _undefined_to_nan(scratch, i, j, k, count):
     """Make the intervals in rows 2 k and 2 k + 1 NaN, in place, where an end is not finite or an operand NaN."""
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
+        # What is not finite is no bound: callers are told so by NaN.
         fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])
         out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
 
@@ -608,16 +643,23 @@ def _is_constant(row):
 def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
     """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], as `play_bounds` does."""
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
-    slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)
-    value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
+    slots = part(ints, ints, SLOTS)[0]
+    outputs, places = part(ints, ints, RESULTS), part(ints, floats, _PLACES)
+    value, tables = part(ints, floats, VALUE), part(ints, floats, TABLES)
+    width = min(BLOCK, stop - start)
     places = places.reshape(-1, 12)
-    scratch, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
+    scratch = np.empty((2 * slots + 6, width))
+    place = np.arange(slots)
+    spare = slots
+    i, j = 0, 0
     alike = np.zeros(slots + 3, np.bool_)  # rows with one interval for all boxes of a block: it is bounded once
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(code.shape[0]):
             op, slot, first = code[k, 0], code[k, 1], code[k, 2]
-            result, once, n = scratch[2 * spare : 2 * spare + 2], op == P or op == CONST, count
+            result = scratch[2 * spare : 2 * spare + 2]
+            once = op == P or op == CONST
+            n = count
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
@@ -629,8 +671,10 @@ def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
             elif op == GRIDDED:
                 _gridded_bounds(lookups[first], places[first], tables, scratch, place, result, count)
             else:
-                i, last = place[first], place[code[k, 4]] if op == WHERE else 0
-                j, fact = place[code[k, 3]], facts[op]
+                i = place[first]
+                last = place[code[k, 4]] if op == WHERE else 0
+                j = place[code[k, 3]]
+                fact = facts[op]
                 once = alike[i] and alike[j] and (op != WHERE or alike[last])
                 n = 1 if once else count
                 if fact[DIRECT] != 0.0:
@@ -638,6 +682,8 @@ def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
                 else:
                     _values_at_extremes(op, fact, scratch, i, j, spare, int(value[k]), n)
                     _outward(op, fact, scratch, i, j, spare, int(value[k]), n)
+            # Leaves have no operand, and `where` may have one that is undefined and not taken: these ask about
+            # themselves.
             if op < ADD or op == WHERE:
                 i, j = spare, spare
             _undefined_to_nan(scratch, i, j, spare, n)

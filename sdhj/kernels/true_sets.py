@@ -45,9 +45,14 @@ class SampledSets(NamedTuple):
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
     """New `SampledSets` of R states, `target_values` 0; count: 1, or the path, the state, and 2^ndim corners."""
-    queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
-    points, past, target_values = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
+    queue = np.empty((3, states), np.int64)
+    verdicts = np.empty((states, inputs), np.int64)
+    size = states * count
+    points = np.empty((size, ndim + 1))
+    past = np.empty(size, np.int64)
+    target_values = np.empty((1, size))
     for i in range(size):
+        # Where the target is not asked about, `judge` reads 0: inside.
         target_values[0, i] = 0.0
     return SampledSets(queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), target_values)
 
@@ -108,15 +113,18 @@ def _place_cut_corners(at, state, j, ends, column, normals, lattice, faces, poin
     ndim = state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
     for corner in range(1 << ndim):
-        share, out = 1.0, False
+        share = 1.0
+        out = False
         for k in range(planes):
-            left, towards = ends[PATH + k // ndim, j, k % ndim, column], 0.0
+            room = ends[PATH + k // ndim, j, k % ndim, column]
+            towards = 0.0
             for axis in range(ndim):
                 low, high = ends[0, j, axis, column], ends[1, j, axis, column]
                 side = ((corner >> (ndim - 1 - axis)) & 1) * 2.0 - 1.0
-                left -= normals[k, axis] * 0.5 * (low + high)
+                room -= normals[k, axis] * 0.5 * (low + high)
                 towards += normals[k, axis] * 0.5 * (high - low) * side
-            share = min(share, max(left, 0.0) / towards) if towards > 0.0 else share
+            # Up to the first plane on the way; a line that leads away from a plane never meets it.
+            share = min(share, max(room, 0.0) / towards) if towards > 0.0 else share
         for axis in range(ndim):
             low, high = ends[0, j, axis, column], ends[1, j, axis, column]
             side = ((corner >> (ndim - 1 - axis)) & 1) * 2.0 - 1.0
@@ -134,9 +142,12 @@ def place_points(at, state, j, ends, column, normals, lattice, times, faces, poi
     past[at:] is 1 from a safe end on, -1 where the path is past an unsafe one.
     """
     # `times` has the order of the points, as `tape_of_problem` makes it, and `judge` and `evaluate` count on it
-    ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
+    ndim = state.size
+    last = CHECKED_INSTANTS if times.size > 1 else 0
+    gone = False
     for i in range(times.size):  # the state, the path, the corners
-        sample, share = at + (last if i == 0 else i - 1 if i <= last else i), i / CHECKED_INSTANTS
+        sample = at + (last if i == 0 else i - 1 if i <= last else i)
+        share = i / CHECKED_INSTANTS
         out = lost = False
         for axis in range(ndim):
             x = state[axis]
@@ -190,23 +201,29 @@ def propose(waiting, within, states, rows, ints, floats, leads, out, samples):
     to_go, safe, margins, best = out
     queue, verdicts, hazard, points, past, _, _ = samples
     ends, scores, normals = leads
-    lattice, some = unpacked_lattice(ints, floats), 0
-    times, faces = part(ints, floats, CHECK_TIMES), part(ints, floats, AT_FACES)
+    lattice = unpacked_lattice(ints, floats)
+    some = 0
+    times = part(ints, floats, CHECK_TIMES)
+    faces = part(ints, floats, AT_FACES)
     if waiting < 0:
         for r in range(rows.size):
             if to_go[rows[r]] >= 0:
                 queue[0, some], queue[1, r], queue[2, r] = r, best[rows[r]], max(to_go[rows[r]], within) - 1
                 # without times nothing is to be looked at
-                verdicts[r], hazard[r] = UNKNOWN if times.size else PASSES, np.inf
+                verdicts[r] = UNKNOWN if times.size else PASSES
+                hazard[r] = np.inf
                 some += 1
         waiting, some = some, 0
     for k in range(waiting):
         r, m = queue[0, k], rows[queue[0, k]]
         j = next_input(verdicts[r], safe[m], scores[m], margins[m], hazard[r], queue[1, r])
-        best[m], queue[1, r] = j, j if queue[1, r] < 0 else queue[1, r]
+        best[m] = j
+        queue[1, r] = j if queue[1, r] < 0 else queue[1, r]
         if verdicts[r, j] == UNKNOWN:
-            at, column = some * times.size, r if ends.shape[3] > 1 else 0
+            at = some * times.size
+            column = r if ends.shape[3] > 1 else 0
             place_points(at, states[m], j, ends, column, normals, lattice, times, faces, points, past)
+            # In the place of one that has been read: at most as many wait as did.
             queue[0, some] = r
             some += 1
     return some
@@ -229,7 +246,8 @@ def heed_inputs(waiting, rows, count, under, best, samples):
                 for v in range(first, first + count):
                     unsafe_values[p, v] = np.inf
             elif count > 1 and unsafe_values[p, at] <= 0.0 and past[at] == 0:
-                unsafe_values[p, first], past[first] = unsafe_values[p, at], min(past[first], 0)
+                unsafe_values[p, first] = unsafe_values[p, at]
+                past[first] = min(past[first], 0)
             unsafe_values[p, at] = np.inf
 
 
@@ -244,10 +262,13 @@ def judge(waiting, rows, checks, count, out, samples):
     """
     to_go, safe, margins, best = out
     queue, verdicts, _, _, past, unsafe_values, target_values = samples
-    last, some = CHECKED_INSTANTS if count > 1 else 0, 0
+    last = CHECKED_INSTANTS if count > 1 else 0
+    some = 0
     for k in range(waiting):
         r, m = queue[0, k], rows[queue[0, k]]
-        at, j, lost, passes = k * count + last, best[m], False, True
+        at = k * count + last
+        j = best[m]
+        lost, passes = False, True
         for v in range(k * count, (k + 1) * count):
             fine = past[v] >= 0
             for p in range(unsafe_values.shape[0]):
@@ -256,10 +277,12 @@ def judge(waiting, rows, checks, count, out, samples):
                 fine &= target_values[0, v] <= 0.0
             # what is behind a safe end is fine
             fine |= past[v] > 0
+            # At the state itself it is lost; anywhere else the input fails.
             lost, passes = lost | ((v == at) & (not fine)), passes & (fine | (v == at))
         if to_go[m] == 0 and target_values[0, at] > 0.0:
             # it had no steps to go and needs one; with one point there is no interval left
-            to_go[m], lost = 1, lost | (count == 1)
+            to_go[m] = 1
+            lost = lost | (count == 1)
         verdicts[r, j] = PASSES if passes else FAILS
         if lost:
             to_go[m] = -1
@@ -279,14 +302,18 @@ def evaluate(waiting, rows, ints, floats, times, out, samples, work):
     Writes `unsafe_values` and `target_values`, with what `heed_inputs` undoes; returns whether all are finite.
     """
     # The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
-    queue, points, target_values, none = samples.queue, samples.points, samples.target_values, np.int64(0)
-    unsafe, target, end = np.int64(AT_UNSAFE), np.int64(AT_TARGET), waiting * times.size
-    count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
+    queue, points, target_values = samples.queue, samples.points, samples.target_values
+    none = np.int64(0)
+    unsafe, target = np.int64(AT_UNSAFE), np.int64(AT_TARGET)
+    end = waiting * times.size
+    count = times.size
+    last = CHECKED_INSTANTS if times.size > 1 else 0
     # `times` stands where parameters would: these tapes have none, as t is a coordinate of the points (`_timed`)
     if play_with_scratch(ints, floats, unsafe, points, times, samples.unsafe_values, none, end, work) != 0.0:
         return False
     heed_inputs(waiting, rows, count, part(ints, ints, AT_UNDER), out.best, samples)
     for k in range(waiting if length(ints, np.int64(AT_TARGET + RESULTS)) > 0 else 0):
+        # Of a state with no steps to go the target is asked about as well: it may not be there.
         start = k * count + last + (out.to_go[rows[queue[0, k]]] != 0)
         stop = (k + 1) * count if queue[2, queue[0, k]] == 0 else k * count + last + 1
         if start >= stop:

@@ -93,6 +93,7 @@ class LookupScratch(NamedTuple):
 @kernel(**UNCOUNTED)
 def _fewest_steps(stored_tubes, first, most, index, weight, count):
     """The fewest n <= most whose interpolated tube, entry first + n, is <= 0, or -1; by bisection: tubes grow."""
+    # Asked this way round, so that NaN is in no tube.
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
     low, high = 0, most
@@ -111,6 +112,7 @@ def _marked_by_all(marks, place, index, count, marked):
     for byte in range(marks.shape[1]):
         bits = np.uint8(255)
         for c in range(count):
+            # Eight inputs at once.
             bits &= marks[place, byte, index[c]]
         for j in range(8 * byte, min(8 * byte + 8, marked.size)):
             marked[j] = (bits >> np.uint8(j - 8 * byte)) & 1
@@ -126,7 +128,9 @@ def _gather(values, state, column, order, lattice, scratch):
     offsets[0], rest[state.size] = 0, 1
     for a in range(state.size - 1, -1, -1):
         axis = order[a]
-        nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
+        nodes = lattice.shape[axis]
+        stride = 1
+        size = rest[a + 1]
         for later in range(axis + 1, state.size):
             stride *= lattice.extent[later]
         begin, _ = locate(state[axis] + scratch.hull[column, 0, axis], axis, lattice)
@@ -192,7 +196,8 @@ def _count_points(state, ends, column, lattice, scratch):
     Returns the most points of one input, no farther apart than half a cell. The box is taken for more than
     `MOST_POINTS`, or where a wall may hold a state.
     """
-    most, checks = 1.0, scratch.moved[2:]
+    most = 1.0
+    checks = scratch.moved[2:]
     for j in range(ends.shape[1]):
         points = 1.0
         for k in range(checks.shape[0]):
@@ -202,7 +207,8 @@ def _count_points(state, ends, column, lattice, scratch):
             checks[k, j, 0, 0] = 1.0 + np.ceil(min(A_CELL * cells, MOST_POINTS))
             points = min(points * checks[k, j, 0, 0], MOST_POINTS + 1.0)
         if points > MOST_POINTS or is_held(state, ends, column, j, scratch.held):
-            checks[:, j], points = 0.0, 1.0
+            checks[:, j] = 0.0
+            points = 1.0
         most = max(most, points)
     return int(most)
 
@@ -219,9 +225,11 @@ def _write_boxes_at_point(point, ends, column, scratch):
                 scratch.moved[side, j, axis, 0] = ends[side, j, axis, column]
         left = point
         for k in range(ends.shape[0] - PATH):
-            checks, share, wider = int(scratch.moved[2 + k, j, 0, 0]), 0.0, 1.0
+            checks = int(scratch.moved[2 + k, j, 0, 0])
+            share, wider = 0.0, 1.0
             if checks > 0:
                 share, wider = 2.0 * (left % checks) / max(checks - 1, 1) - (checks > 1), 0.0
+                # Points are numbered with the first segment fastest.
                 left //= checks
             for axis in range(ends.shape[2]):
                 half = ends[PATH + k, j, axis, column]
@@ -235,20 +243,24 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
 
     Returns (last, most): the last axis that a plane is not parallel to, with one slab, and the most slabs of an input.
     """
-    most, cuts, last = 1.0, scratch.moved[2], 0
+    most = 1.0
+    cuts = scratch.moved[2]
+    last = 0
     for k in range(normals.shape[0]):
         for axis in range(state.size):
             last = max(last, axis if normals[k, axis] != 0.0 else 0)
     for j in range(ends.shape[1]):
         slabs = 1.0
         for axis in range(state.size):
-            cells, cut = (ends[1, j, axis, column] - ends[0, j, axis, column]) / lattice.spacing[axis], False
+            cells = (ends[1, j, axis, column] - ends[0, j, axis, column]) / lattice.spacing[axis]
+            cut = False
             for k in range(normals.shape[0]):
                 cut |= normals[k, axis] != 0.0 and axis < last
             cuts[j, axis, 0] = max(np.ceil(SLABS_A_CELL * min(cells, MOST_POINTS)), 1.0) if cut else 1.0
             slabs = min(slabs * cuts[j, axis, 0], MOST_POINTS + 1.0)
         if slabs > MOST_POINTS or is_held(state, ends[:PATH], column, j, scratch.held):
-            cuts[j], slabs = 0.0, 1.0
+            cuts[j] = 0.0
+            slabs = 1.0
         most = max(most, slabs)
     return last, int(most)
 
@@ -260,16 +272,21 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
     Where nothing lies in the slab, the middle of the box, which is always between the planes.
     """
     for j in range(ends.shape[1]):
-        left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
+        left = slab
+        planes = normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0
+        empty = False
         for axis in range(ends.shape[2]):
-            low, high, cuts = ends[0, j, axis, column], ends[1, j, axis, column], max(int(moved[2, j, axis, 0]), 1)
-            place, wide = left % cuts, (high - low) / cuts
+            low, high = ends[0, j, axis, column], ends[1, j, axis, column]
+            cuts = max(int(moved[2, j, axis, 0]), 1)
+            place = left % cuts
+            wide = (high - low) / cuts
             moved[0, j, axis, 0] = low + place * wide
             moved[1, j, axis, 0] = high if place == cuts - 1 else low + (place + 1) * wide
             left //= cuts
         low, high = moved[0, j, last, 0], moved[1, j, last, 0]
         for k in range(planes):
-            rest, along = ends[PATH + k // ends.shape[2], j, k % ends.shape[2], column], normals[k, last]
+            rest = ends[PATH + k // ends.shape[2], j, k % ends.shape[2], column]
+            along = normals[k, last]
             for axis in range(last):
                 rest -= normals[k, axis] * moved[0 if normals[k, axis] > 0.0 else 1, j, axis, 0]
             if along > 0.0:
@@ -296,6 +313,7 @@ def _worst_values(values, state, ends, column, normals, order, lattice, scratch,
     scratch.hull[column] before: only the nodes that it touches are gathered.
     """
     _gather(values, state, column, order, lattice, scratch)
+    # Raised by each of the boxes.
     out[:] = -np.inf
     if normals.shape[0] > 0:
         last, slabs = _count_slabs(state, ends, normals, column, lattice, scratch)
@@ -317,22 +335,26 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
     Axis by axis, as in `sdhj.solver.hopf_lax`, so it errs to the safe side.
     """
-    low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
+    low, high = ends[0, :, :, column], ends[1, :, :, column]
+    rest = scratch.rest
     for j in range(out.size):
-        same, lost, left = j > 0, False, False  # as for the input before
+        # as for the input before
+        same = j > 0
+        lost, gone = False, False
         for a in range(order.size):
             axis = order[a]
             same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
             lost = lost or state[axis] + low[j, axis] < lattice.least[axis]
             lost = lost or state[axis] + high[j, axis] > lattice.most[axis]
-            left = left or state[axis] + high[j, axis] < lattice.safe_ends[axis]
-            left = left or state[axis] + low[j, axis] > lattice.safe_ends[order.size + axis]
+            gone = gone or state[axis] + high[j, axis] < lattice.safe_ends[axis]
+            gone = gone or state[axis] + low[j, axis] > lattice.safe_ends[order.size + axis]
+            # Inputs mostly differ along few axes; what was made of those before stays in scratch.
             if not same:
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
                 source = rest[a] + (first - scratch.begin[a]) * rest[a + 1]
                 _maximum_along_axis(scratch.values, source, last - first + 2, rest[a + 1], near, far)
-        out[j] = np.inf if lost else out[j] if left else max(out[j], scratch.values[1])
+        out[j] = np.inf if lost else out[j] if gone else max(out[j], scratch.values[1])
 
 
 @kernel(**UNCOUNTED)
@@ -370,6 +392,7 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
         return best
     best, least = 0, np.inf
     for j in range(safe.size):
+        # No input is safe: the one that is hoped to fail least.
         worse = max(margin[j], _hazard(stored_tubes, step, j, scratch, still, moving))
         one, other = scratch.marked[j], scratch.marked[best]
         if one > other or (one == other and worse < least):
@@ -381,7 +404,9 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
 def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order, lattice, scratch, out):
     """Write to entry m of `out` the answers for states[m] by the tubes alone, not by the true sets; within >= 1."""
     to_go, safe, margins, best = out
-    state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[2], scratch.weight[2]
+    state = states[m]
+    steps = stored_tubes.steps
+    index, weight = scratch.index[2], scratch.weight[2]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.batches.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
     to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
@@ -428,6 +453,7 @@ def hazards(stored_tubes, step, state, lattice, scratch, out):
     still = nodes_around(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
     moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):
+        # For `next_input`, which chooses among inputs that are not safe, and for `avoid_values`.
         out[j] = _hazard(stored_tubes, step, j, scratch, still, moving)
 
 
@@ -444,7 +470,9 @@ def unpacked_lattice(ints, floats):
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
     """A `LookupScratch` for so many columns of boxes; `held` says past which ends states are held (`Lattice`)."""
-    around, spans, axes = (3, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
+    around = (3, 1 << ndim)
+    spans = np.empty((2, ndim + 1), np.int64)
+    axes = np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
@@ -459,7 +487,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
     states (M, ndim) : finite. Beyond an end of the grid, that at the end. static, moving : as in `StoredTubes`.
     """
-    axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
+    axes = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING))
+    lattice = unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
     stored_tubes = StoredTubes(0, *nothing, static, axes[0], moving, axes[1])
     scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
@@ -471,8 +500,10 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found):
     """found[m] = the interpolated tubes[row[m]] at where[m], of at most BLOCK points, in loops that vectorise."""
     # what `nodes_around` and `weighted` do for one point: both count a weight below TINY as rounding
-    here, there, count = sides[0], sides[1], found.size
-    index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
+    here, there = sides[0], sides[1]
+    count = found.size
+    index[0, :count], weight[0, :count] = 0, 1.0
+    found[:] = 0.0
     for axis in range(where.shape[1]):
         for m in range(count):
             left, right = locate(where[m, axis], axis, lattice)
@@ -481,9 +512,11 @@ def _interpolated(where, row, tubes, lattice, sides, index, share, weight, found
             here[m] = periodic_index(left - lattice.first[axis], lattice.shape[axis])
             there[m] = periodic_index(left + 1 - lattice.first[axis], lattice.shape[axis])
         for c in range(1 << axis):
+            # A node for each choice of sides: along each axis there are twice as many.
             other = c + (1 << axis)
             for m in range(count):
-                start, whole = index[c, m] * lattice.extent[axis], weight[c, m]
+                start = index[c, m] * lattice.extent[axis]
+                whole = weight[c, m]
                 index[c, m], index[other, m] = start + here[m], start + there[m]
                 weight[c, m], weight[other, m] = whole * (1.0 - share[0, m]), whole * share[0, m]
     for c in range(1 << where.shape[1]):
@@ -497,10 +530,14 @@ def tube_values(points, places, tubes, ints, floats, out):
 
     points (M, V, ndim), tubes (T, size), out (M, V), in place. ints, floats : in which a lattice is packed.
     """
-    (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
-    where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)
-    sides, index = np.empty((2, BLOCK), np.int64), np.empty((1 << ndim, BLOCK), np.int64)
+    _, each, ndim = points.shape
+    lattice = unpacked_lattice(ints, floats)
+    where, found = points.reshape(-1, ndim), out.reshape(-1)
+    row = np.empty(BLOCK, np.int64)
+    sides = np.empty((2, BLOCK), np.int64)
+    index = np.empty((1 << ndim, BLOCK), np.int64)
     share, weight = np.empty((1, BLOCK)), np.empty((1 << ndim, BLOCK))
+    # In blocks, so that scratch is small and points of several states go together.
     for at in range(0, found.size, BLOCK):
         end = min(at + BLOCK, found.size)
         for m in range(end - at):

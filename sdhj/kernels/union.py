@@ -60,6 +60,7 @@ def _write_reach_row(out, reach_sets, j, row):
 def _write_maximum_row(out, values, leaves, j, row):
     """Write a row of a reach set, the maximum over the intervals of leaf j of `values`, to out (B,), in place."""
     each = values.shape[3] // out.size
+    # A row is a part of what lies behind the axis, at one node of it and of those before.
     node, start = row // each, row % each * out.size
     source = values[leaves.parent[j], node // leaves.taps.shape[1]]
     over_interval(out, source, start, start + out.size, node % leaves.taps.shape[1], leaves.which[j], leaves, False)
@@ -74,7 +75,8 @@ def _write_minimum_row(out, reach_sets, j, row):
     whole = nodes if lines == 1 else -(-nodes // EIGHT) * EIGHT
     for line in range(lines):
         start, here = np.uint64(line * nodes), np.uint64(row * lines + line)
-        row_value, flat = values.dtype.type(np.inf), True
+        row_value = values.dtype.type(np.inf)
+        flat = True
         for number in range(width.size):
             piece = np.uint64(number)
             value = values[np.uint64(begin[piece, np.uint64(j)] + at[piece, here] * width[piece])]
@@ -103,6 +105,7 @@ def _raise_row(out, bound, highest, row_value):
     """
     if bound.size < out.size:
         return bound[0] if bound[0] > row_value else row_value
+    # Counted, as a loop that ends early is not vectorised.
     below = np.int32(0)
     for i in range(out.size):
         below = np.int32(below + (np.int32(1) if out[i] < highest else np.int32(0)))
@@ -120,12 +123,14 @@ def _join(tube, marks, reach_sets, row_values):
     """
     for i in range(tube.size):
         # in lanes as wide as the values, or the loop would not be vectorised
-        best, found = tube[i], np.int32(0)
+        best = tube[i]
+        found = np.int32(0)
         for q in range(EIGHT):
             value = reach_sets[q, i] if reach_sets[q, i] > row_values[q] else row_values[q]
             found = np.int32(found | (np.int32(1 << q) if value <= 0 else np.int32(0)))
             best = value if value < best else best
         tube[i] = best
+        # Inputs of the same byte may have been added by another call.
         marks[i] |= np.uint8(found)
 
 
@@ -137,10 +142,12 @@ def _add_to_row(tube, marks, reach_sets, first, end, avoid_rows, before, row, fo
         tube[row, i] = before[row, i]
     for byte in range(first // EIGHT, (end + EIGHT - 1) // EIGHT):
         for q in range(EIGHT):
-            j, row_values[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
+            j = byte * EIGHT + q
+            row_values[q] = np.inf  # outside, of an input that there is not
             if first <= j < end:
                 _write_reach_row(found[q], reach_sets, j - first, row)
-                line, row_value = found[q, :size], tube.dtype.type(-np.inf)
+                line = found[q, :size]
+                row_value = tube.dtype.type(-np.inf)
                 at = avoid_rows.static_at[row]
                 row_value = _raise_row(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], row_value)
                 row_values[q] = _raise_row(

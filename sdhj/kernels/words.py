@@ -48,7 +48,8 @@ def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen
     lacks = 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
-        to_go[m], safe[m], chosen[m], fewest = -1, False, -1, most + 1
+        to_go[m], safe[m], chosen[m] = -1, False, -1
+        fewest = most + 1
         for k in range(cells_at(states[m], cells, slack, found)):
             number = number_of(found[k], cells.counts)
             slot = slot_of(number, keys)
@@ -64,7 +65,9 @@ def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen
             to_go[m] = steps if to_go[m] < 0 else min(to_go[m], steps)
             steps_left = max(steps, within)
             if steps_left < fewest:
-                fewest, chosen[m], safe[m] = steps_left, -1, False
+                fewest = steps_left
+                chosen[m], safe[m] = -1, False
+            # After the reset, so that inputs of all cells that are as near are united.
             if steps_left == fewest:
                 for j in range(safe.shape[1]):
                     safe[m, j] |= (word[INPUTS + (j >> 5)] >> np.uint32(j & 31)) & np.uint32(1) != 0
@@ -82,6 +85,7 @@ def store_words(numbers, some, keys, words):
     new = 0
     for i in range(numbers.size):
         slot = slot_of(numbers[i], keys)
+        # A cell may come twice, or be there already: then its word is only written again.
         new += keys[slot] == FREE
         keys[slot], words[slot] = numbers[i], some[i]
     return new
@@ -91,7 +95,8 @@ def store_words(numbers, some, keys, words):
 def cells_near(states, cells, slack, rows, near):
     """Write the cells within slack (ndim,) of states (M, ndim) to near (n, ndim), and whose to rows; returns n."""
     # callers make rows and near for M 2^ndim cells, the most that there can be
-    found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
+    found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
+    count = 0
     for m in range(states.shape[0]):
         for k in range(cells_at(states[m], cells, slack, found)):
             rows[count], near[count] = m, found[k]
@@ -106,6 +111,7 @@ def fewest_of_cells(some, cells, index, pool, out):
     index (n, R), pool (B, W) : as for `fewest_steps`.
     """
     for m in range(some.shape[0]):
+        # For cells themselves, where `fewest_steps` is for states and what is near them.
         out[m] = first_holding(some[m], index.shape[0], cells, index, pool)
 
 
@@ -125,6 +131,7 @@ def number_records(records, known, used, slots, out):
             out[i] = out[i - 1]
             continue
         mixed = np.uint64(0)
+        # Of all bytes, as records differ in few of them.
         for byte in records[i]:
             mixed = (mixed ^ np.uint64(byte)) * SPREAD
         slot = np.int64(mixed >> np.uint64(32)) & (slots.size - 1)
@@ -159,15 +166,18 @@ def pack_block(numbers, width, seen, out):
     while (1 << bits) < colours:
         bits += 1
     out[0], out[1], out[2] = bits, colours & 255, colours >> 8
-    begin, held, record = 3 + colours * width, 0, 0
+    begin = 3 + colours * width
+    pending, record = 0, 0
     for number in numbers:
-        held |= seen[number] << record
+        pending |= seen[number] << record
         record += bits
         while record >= 8:
-            out[begin] = held & 255
-            begin, held, record = begin + 1, held >> 8, record - 8
+            out[begin] = pending & 255
+            begin += 1
+            pending, record = pending >> 8, record - 8
+    # What is left of the last byte; bits behind the last entry are 0.
     if record > 0:
-        out[begin] = held
+        out[begin] = pending
         begin += 1
     for number in numbers:
         seen[number] = -1

@@ -54,10 +54,12 @@ def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
     At the end of part m the pursuer is within prediction_error + speed * (m + 1) * delta / parts of its cell on each
     axis.
     """
-    parts, rows = moves2.shape[0], (0, agent.nx)
+    parts = moves2.shape[0]
+    rows = (0, agent.nx)
     for part in range(parts):
         n, remainder = links.link_points(link, moves1[part], moves2[part], arm, scratch)
         size = links.convex_hull(n, scratch)
+        # To the end of the part, as within it the pursuer is nearer.
         growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts
         radius = agent.radius + CONTACT_MARGIN + remainder
         links.touch_cells(size, radius, growth, agent, rows, scratch, block)
@@ -72,13 +74,16 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
     for i1 in prange(n1):
-        scratch, first_link = links.allocate_scratch(), np.zeros(words, np.uint64)
+        scratch = links.allocate_scratch()
+        first_link = np.zeros(words, np.uint64)
+        # Link 1 hangs on the first joint alone: it is looked at once for all of the second.
         touch_swept(0, moves1[i1], moves2[0], arm, agent, scratch, first_link)
         for i2 in range(n2):
             block = first_link.copy()
             touch_swept(1, moves1[i1], moves2[i2], arm, agent, scratch, block)
             for word in range(words):
                 out[i1, i2, word] = ~block[word]
+            # Bits past the last cell stay 0, as sets are compared and counted word by word.
             if bits % 64:
                 out[i1, i2, words - 1] &= (BIT << np.uint64(bits % 64)) - BIT
 
@@ -100,7 +105,8 @@ def disks_met(disks, instant, near, wanted, arm, scratch):
 
     The disks are within a time `near`, s, of where they are at an `instant`, a number in `Disks.centres`.
     """
-    met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
+    met = np.uint64(0)
+    centres, radii, speeds = disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
         n, remainder = links.link_points(link, scratch.ends[0], scratch.ends[1], arm, scratch)
         size = links.convex_hull(n, scratch)
@@ -128,10 +134,12 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
     there, halving would not help. wanted (depth + 1,) : overwritten with the steps that each level has to decide.
     """
     # a step is a bit of one word: `ArmProof.of` refuses more than 64 (`MARKED_STEPS`)
-    blocked, deep, here = np.uint64(0), 0, 0
+    blocked = np.uint64(0)
+    deep, here = 0, 0
     wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
     while here >> deep == 0:  # part `here` of 2^deep is at hand
-        span, instant = disks.delta / (1 << deep), (2 * here + 1) << (disks.depth - deep)
+        span = disks.delta / (1 << deep)
+        instant = (2 * here + 1) << (disks.depth - deep)
         left = wanted[deep] & ~blocked
         if left != 0:
             joints_during(cell, span * here, span * (here + 1), scratch)
@@ -161,13 +169,16 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
-        scratch, cell, wanted = links.allocate_scratch(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
+        scratch = links.allocate_scratch()
+        cell = np.empty((2, 4))
+        wanted = np.empty(disks.depth + 1, np.uint64)
         cell[0, 0], cell[0, 1] = ends1[i1, 0], ends1[i1, 1]
         for i2 in range(n2):
             cell[1, 0], cell[1, 1] = ends2[i2, 0], ends2[i2, 1]
             for j in range(inputs):
                 for joint in range(2):
                     cell[joint, 2], cell[joint, 3] = velocities[joint, j, 0], velocities[joint, j, 1]
+                # All steps at once: the arm is the same in each, and only where disks are differs.
                 blocked = steps_blocked(cell, disks, arm, scratch, wanted)
                 for step in range(steps):
                     out[step, j, i1, i2] = (blocked >> np.uint64(step)) & BIT == 0
@@ -189,6 +200,7 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
             out[i1, i2] = 0
             n, remainder = links.link_points(1, moves1[i1, 0], moves2[i2, 0], arm, scratch)
             for bit in range(agent.nx * agent.ny):
+                # Wider by E on all sides, as the agent may be off what is predicted of it by that.
                 left = agent.x + (bit // agent.ny) * agent.width_x - agent.prediction_error
                 low = agent.y + (bit % agent.ny) * agent.width_y - agent.prediction_error
                 right, high = (
@@ -234,7 +246,9 @@ def image_certified(cell, j, motion, cells, index, pool):
 def pursuer_meets(cell, j, motion, scratch, block):
     """Whether the pursuer of a cell (4,) may touch the arm under input j, by half the margin of `pursuer_clear`."""
     # So a difference in rounding between the two never takes from a certified cell the input it was certified with.
-    agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
+    agent = motion.agent
+    parts = motion.parts[j]
+    rows = (cell[2], cell[2] + 1)
     bit = cell[2] * agent.ny + cell[3]
     left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
     for part in range(parts):
@@ -264,7 +278,9 @@ def arm_inputs(some, steps_left, step, cells, motion, sets, pool, out):
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
     for m in range(len(some)):
-        cell, following = some[m], max(min(steps_left[m], len(sets)) - 1, 0)
+        cell = some[m]
+        # Of step counts beyond the last set, the last one is asked.
+        following = max(min(steps_left[m], len(sets)) - 1, 0)
         for j in range(out.shape[1]):
             out[m, j] = out[m, j] and steps_left[m] > 0 and motion.allowed[step, j, cell[0], cell[1]]
             if out[m, j] and len(sets) > 0:

@@ -84,6 +84,8 @@ def joint_moves(ends, slow, fast, delta, parts):
     out = np.empty((len(ends), parts, 6))
     for i in range(len(out)):
         for part in range(parts):
+            # `ArmProof` keeps them for all cells, as `pursuer_clear`, `tips_within` and `pursuer_meets` ask again and
+            # again.
             tau0, tau1 = delta * part / parts, delta * (part + 1) / parts
             joint_ends(ends[i, 0], ends[i, 1], slow, fast, tau0, tau1, out[i, part])
     return out
@@ -95,10 +97,12 @@ def link_points(link, ends1, ends2, arm, scratch):
 
     To scratch.x and scratch.y; returns (how many, remainder, m).
     """
-    l1, l2, turn, x, y = arm[0], arm[1], arm[2], scratch.x, scratch.y
+    l1, l2, turn = arm[0], arm[1], arm[2]
+    x, y = scratch.x, scratch.y
     w1, w2 = ends1[3] - ends1[0], ends2[3] - ends2[0]
     for e1 in range(2):
         x[e1], y[e1] = l1 * ends1[3 * e1 + 1], l1 * ends1[3 * e1 + 2]
+    # For link 1 the base and two elbows; `tips_within` counts on elbows being first.
     if link == 0:
         x[2], y[2] = 0.0, 0.0
         return 3, l1 * w1 * w1 / 8.0
@@ -119,7 +123,9 @@ def convex_hull(n, scratch):
 
     Andrew's monotone chain, from the leftmost, lowest point; scratch.x, y are sorted in place.
     """
-    x, y, hull_x, hull_y = scratch.x, scratch.y, scratch.hull_x, scratch.hull_y
+    x, y = scratch.x, scratch.y
+    hull_x, hull_y = scratch.hull_x, scratch.hull_y
+    # Sorted by insertion: there are six points at most.
     for i in range(1, n):
         px, py = x[i], y[i]
         k = i - 1
@@ -164,6 +170,7 @@ def hull_distance(px, py, size, scratch):
         k = i + 1 if i + 1 < size else 0
         dx, dy = hull_x[k] - hull_x[i], hull_y[k] - hull_y[i]
         ox, oy = px - hull_x[i], py - hull_y[i]
+        # Corners go counter-clockwise, so a point inside is at the left of every edge.
         if dx * oy - dy * ox < 0.0:
             inside = False
         square = dx * dx + dy * dy
@@ -187,7 +194,8 @@ def thick_chain(first, last, step, radius, size, scratch, pieces):
     corner and the edge to the next one moved outward. pieces (2 corners - 1, 4) : the x where the piece ends, and for
     an arc (nan, centre), for an edge (slope, a point), y times -step.
     """
-    hull_x, hull_y, sign = scratch.hull_x, scratch.hull_y, -float(step)
+    hull_x, hull_y = scratch.hull_x, scratch.hull_y
+    sign = -float(step)
     count = 0
     k = after = first
     while after != last:
@@ -229,7 +237,8 @@ def touch_cells(size, radius, growth, agent, rows, scratch, block):
     Only rows[0] <= x < rows[1] are looked at. The part of a convex shape over a strip is highest nearest to the shape's
     top, so one height of each boundary decides a row of cells.
     """
-    hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
+    hull_x, hull_y = scratch.hull_x, scratch.hull_y
+    upper, lower = scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner
     for i in range(1, size):
         top = i if hull_y[i] > hull_y[top] else top
@@ -248,6 +257,7 @@ def touch_cells(size, radius, growth, agent, rows, scratch, block):
         if low > high:
             continue
         x_top, x_bottom = min(max(hull_x[top], low), high), min(max(hull_x[bottom], low), high)
+        # Rows go from left to right, and so do the pieces under them: none is looked at twice.
         while x_top > upper[up, 0]:
             up += 1
         while x_bottom > lower[down, 0]:

@@ -69,6 +69,7 @@ class Kept:
         Numba asks it in place of its own cache file; `compiled` takes every exception as a function to be compiled.
         """
         whole = self.place(key).read_bytes()
+        # Compiled code is run: whatever is not what was kept is compiled anew.
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
         known, code = pickle.loads(whole[64:])
@@ -126,6 +127,7 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
 
     for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):
         known, every = np.pad(pool, ((0, 0), (words, words + 1))), np.tile(in_bits(cells[0] >= 0), (len(pool), 1))
+        # How far the cells that are needed are from each; few distances serve all cells.
         offsets = along - np.arange(len(along))[:, None]
         for offset in np.unique(offsets):  # of all blocks the bits that are so far from others, word by word
             needs = in_bits((offsets == offset).any(axis=1)[cells[axis]])

@@ -44,6 +44,7 @@ def disk(name: str, given: Any, width: float = 0.0) -> Array:
     """A disk of a recipe as numbers (8,), as `separation.disk_at` reads them, its radius grown by `width`."""
     # as `Disk.describe` writes it into a recipe
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
+    # A disk at rest is one that moves by nothing, so that kernels know one kind.
     kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
     expect(kind in ("still", "line", "circle"), f"the path of {name} must be still, line or circle", kind)
     if kind == "line":
@@ -119,6 +120,7 @@ class Scene:
         arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
         push, delta, held = float(given["v_d_max"]), float(given["delta"]), float(self.spans()[1])
         agent = np.array([float(self.push(2)), float(given[f"{self.agent}_radius"]) + float(given["half_width"])])
+        # How far the tip may be moved in an interval, at most.
         travel = (np.abs(inputs) + push) @ [arm[0] + arm[1], arm[1]] * held
         # for `sweep` alone, where any number is right: more take longer and leave fewer cells over
         parts = np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64)
@@ -138,6 +140,7 @@ def refuse_large(world: World, steps: int) -> None:
     At most `LONGEST_LENGTH` (m or rad) may be: links, radii, how far joints and agent move in an interval, E, edges of
     cells, and where disks are until that step; at most `LARGEST_ANGLE` their angles. Links have at least 1 mm.
     """
+    # The last instant that any claim is about.
     end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.target[None]])
     moves = [(float(np.abs(world.inputs).max()) + world.push) * world.held, world.agent[0] * world.held, *world.off]
@@ -179,8 +182,8 @@ class Arm(Sets):
     def bits(self, step: int, within: int) -> Array:
         """The set S_step^within of the file: (cells,), the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
-        blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
-        return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
+        blocks, cells = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
+        return np.unpackbits(blocks, axis=1, count=cells, bitorder="little").ravel().view(np.bool_)
 
     @staticmethod
     def bytes_needed(arrays: Arrays) -> int:
@@ -204,6 +207,7 @@ class Arm(Sets):
         world, (counts, grow) = self.scene.world(self.edges), cells_added(self)
         yield grow
         rows = np.random.default_rng(seed).permutation(self.index.shape[1])[:samples]
+        # By kinds: 0 for flags, and 1 + n for sets with n steps to go (`check_rows`).
         failed, example = self.checked(rows, world, silent)
         (_, n2, nx, ny), inputs = self.counts.tolist(), len(world.inputs)
         flags = self.allowed.reshape(-1, self.index.shape[1])
@@ -228,6 +232,7 @@ class Arm(Sets):
 
         By `check_rows`, which says what kinds and examples are, in threads.
         """
+        # The agent's own move, which no input changes, is looked at once for all blocks.
         eroded, still = np.empty_like(self.pool), [Fraction(0)]
         erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
         ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
@@ -312,6 +317,7 @@ def cells_added(arm: Any) -> tuple[Array, Claim]:
         if within and (old & ~new).any():
             wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
         new &= ~old if within else ~np.uint64(0)
+        # At the boundary is what has a neighbour outside, in its row or a row beside it.
         deep = inner[here[rows]]
         for other in beside:
             deep &= pool[here[other[rows]]]

@@ -55,6 +55,7 @@ class Sets:
         self.counts, packed = np.array(shape), math.prod(shape[rows:])
         self.index = array(arrays, "index", np.uint32, entries, math.prod(shape[:rows]))
         self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-packed // 64))
+        # Whole words are compared and counted: bits past the last cell would count as cells.
         beyond = self.pool[:, -1] >> np.uint64(packed % 64) if packed % 64 else np.zeros(1)
         expect(not beyond.any(), "the sets must have no cells that there are not", packed)
 

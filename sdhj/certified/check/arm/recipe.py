@@ -29,6 +29,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
     expect(same, "numbers of the head must be those of its recipe", given)
     still = np.zeros((4, 1))
     push = np.array([float(scene.push(axis)) for axis in range(4)])
+    # At rest and at time 0 alone: that velocities depend on neither is asked below.
     for j, u in enumerate(inputs):
         ends = [end[:, 0] for end in robot.velocity(j, still, still, (0.0, 0.0), True)]
         same = same and all(near(end, [*u, 0.0, 0.0] + way * push) for way, end in zip((-1, 1), ends, strict=True))

@@ -37,6 +37,7 @@ def drop_unproved(velocity, duration, world, bench, bits):
 
     Clear of the agent, for `duration`, s, under a velocity (2,) of the joints; cells are asked about one by one.
     """
+    # The agent is the body behind all disks.
     agent = (len(world.disks), len(world.disks) + 1)
     for bit in range(64 * bits.size):
         if has(bits, bit):
@@ -51,7 +52,8 @@ def drop_unproved(velocity, duration, world, bench, bits):
 @compiled()
 def bench_of(i1, i2, world):
     """A new `Bench` for the row of joint cells i1, i2; their bounds and those of pushes are in its `part`."""
-    nx, part = world.x.size - 1, np.zeros(BOUNDS)
+    nx = world.x.size - 1
+    part = np.zeros(BOUNDS)
     part[0:2], part[2:4] = world.q1[i1 : i1 + 2], world.q2[i2 : i2 + 2]
     part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push
     return Bench(part, np.empty(nx), np.empty(nx), np.empty((STACK, BOUNDS)))
@@ -63,7 +65,9 @@ def check_flags(i1, i2, world, stored):
 
     Returns how many are not proved, and one of these as start * L + j.
     """
-    bench, failed, example = bench_of(i1, i2, world), 0, 0
+    bench = bench_of(i1, i2, world)
+    failed, example = 0, 0
+    # For as long as the input is held; the begin of the part stays 0.
     bench.part[9] = world.held
     for start in range(len(stored.allowed)):
         for j in range(len(world.inputs)):
@@ -80,9 +84,11 @@ def check_goals(world, stored, bench, todo):
 
     todo : for each entry of the index the agent's cells, as bits, that are to be proved in that row.
     """
-    need, still = np.zeros_like(todo[0]), world.inputs[0]
+    need = np.zeros_like(todo[0])
+    still = world.inputs[0]
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0:
+            # Of all goals at once, as where the agent is does not depend on the time.
             need |= todo[place]
     if not any_bit(need):
         return
@@ -117,6 +123,7 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
     """
     for a in range(ends1.size):
         for b in range(ends2.size):
+            # Rows that come twice in a list are asked about once.
             if (a > 0 and ends1[a] == ends1[a - 1]) or (b > 0 and ends2[b] == ends2[b - 1]):
                 continue
             bits &= eroded[blocks[ends1[a] * n2 + ends2[b]]]
@@ -158,11 +165,13 @@ def check_steps(i1, i2, world, stored, bench, todo):
 @compiled()
 def unproved(i1, i2, world, stored):
     """The agent's cells that sets add in the row of joint cells i1, i2 and that are not proved: (entries, words)."""
-    bench, row = bench_of(i1, i2, world), i1 * (world.q2.size - 1) + i2
+    bench = bench_of(i1, i2, world)
+    row = i1 * (world.q2.size - 1) + i2
     todo = np.empty((stored.places.shape[0], stored.pool.shape[1]), np.uint64)
     for place in range(len(todo)):
         todo[place] = stored.pool[stored.places[place, row]]
         if stored.pairs[place, 1] > 0:
+            # Only what a step more adds: the rest has been proved with fewer.
             todo[place] &= ~stored.pool[stored.places[place - 1, row]]
     check_goals(world, stored, bench, todo)
     check_steps(i1, i2, world, stored, bench, todo)
@@ -207,6 +216,7 @@ def clear_of_claims(row, j, ids, marks, world, bench, bits):
             word = ids[start, row, bit]
             if marks[0, word, j] or marks[1, word, j] or marks[2, word, j] or marks[3, word, j]:
                 bits[bit >> 6] |= ONE << np.uint64(bit & 63)
+    # What `sweep` proves needs no closer look. An evader is nothing to stay clear of.
     if world.chased and any_bit(bits):
         near = bits.copy()
         sweep(j, world.held, world, bench, near)
@@ -225,7 +235,8 @@ def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
     marks (4, words, L) bool : the inputs that a word claims, in four kinds: selected, safe, safe by all steps, and
         clear. made, failed (R, 4), in place : how many claims of each kind there are, and are not proved, are added.
     """
-    n2, steps = world.q2.size - 1, len(stored.allowed)
+    n2 = world.q2.size - 1
+    steps = len(stored.allowed)
     room, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])
     for number in range(len(rows)):
         row = rows[number]

@@ -81,6 +81,7 @@ def moved(part, velocity, world, box):
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
         slow, fast = velocity[joint] + part[10 + 2 * joint], velocity[joint] + part[11 + 2 * joint]
+        # By the error of states, and E, to both sides.
         off = world.off[joint] + STATE_ERROR
         box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - off
         box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + off
@@ -113,6 +114,7 @@ def farthest(nx, ny, link, pose, turn):
     """
     ex, ey, fx, fy, d1, d2 = pose
     a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
+    # The second-order term of the elbow, by which it may come farther than its tangent says.
     bend = max(-a, 0.0) * d1 * d1 / 2
     elbow = a + abs(side_a) * d1 + bend
     if link == 0:
@@ -144,6 +146,7 @@ def body_of(box, body, start, world):
     if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
         return x, y, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2, 0.0, 0.0, 0.0, world.agent[1]
+    # A clock that is off makes the time longer on both sides.
     disk, half = world.disks[body], (box[9] - box[8]) / 2 + world.late
     x, y, vx, vy = disk_at(disk, start + (box[8] + box[9]) / 2)
     return x, y, 0.0, 0.0, half * vx, half * vy, abs(disk[4]) * (disk[5] * half) ** 2 / 2, disk[7]
@@ -167,12 +170,14 @@ def separated(link, pose, body, turn):
     The first direction tried is that from the link to the body there, which is then turned while that helps.
     """
     ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
+    # From the nearest point of the link in its middle pose: a first guess, as any direction may prove it.
     s = ((body[0] - ax) * fx + (body[1] - ay) * fy) / (fx * fx + fy * fy)
     s = min(max(s, 0.0), 1.0)
     gx, gy = body[0] - ax - s * fx, body[1] - ay - s * fy
     gap = math.sqrt(gx * gx + gy * gy)
     nx, ny = (gx / gap, gy / gap) if gap > 1e-6 else (1.0, 0.0)
-    best, step = ahead(nx, ny, link, pose, body, turn), 0.2
+    best = ahead(nx, ny, link, pose, body, turn)
+    step = 0.2
     for _ in range(TURNS):
         if best > body[7] + ROUNDING:
             break
@@ -201,6 +206,7 @@ def halve(part, weights, first, second):
     """
     axis, widest = 0, 0.0
     for k in range(len(weights)):
+        # `weights` make bounds of different units comparable.
         size = (part[2 * k + 1] - part[2 * k]) * weights[k]
         if size > widest:
             axis, widest = k, size
@@ -248,6 +254,7 @@ def clear(bodies, part, velocity, start, world, stack):
 
     From anywhere in a part and at all its times. True without bodies.
     """
+    # The first that stays open decides.
     for body in range(bodies[0], bodies[1]):
         for link in range(2):
             if not link_clear(link, body, part, velocity, start, world, stack):
@@ -265,7 +272,9 @@ def tip_inside(part, t, world, stack):
     """
     moved(part, world.inputs[0], world, stack[0])  # by the error of states
     l1, l2, turn = world.arm[0], world.arm[1], world.arm[2]
-    size, box, weights = 1, stack[STACK - 1], (l1 + l2, l2)
+    size = 1
+    box = stack[STACK - 1]
+    weights = (l1 + l2, l2)
     for _ in range(GRANTED):
         if size == 0:
             return True
