@@ -80,6 +80,8 @@ OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower
 Holds = Callable[[Array], tuple[Array, Array]]
 # of boxes of cells, from first to past, (ndim, M) each, to whether all of their cells are in a set, (M,) bool
 AllIn = Callable[[Array, Array], Array]
+# of a step, or None: of any, to the cells of which something is claimed, (*counts) bool
+OfStep = Callable[[int | None], Array]
 # of what is gone through, what it is called, and how many there are, to the same, shown as it is gone through
 Bar = Callable[[Iterable[Any], str, int], Iterable[Any]]
 
@@ -154,7 +156,7 @@ def left_open(holds: Callable[[Array], Array], some: Array, tiles: Array) -> Arr
     open_ = np.ones((1,) * some.ndim, np.bool_)
     while True:
         asked = in_tiles(some, tiles)
-        asked &= spread(open_, asked.shape)
+        asked = asked & spread(open_, asked.shape)
         first = np.array(np.nonzero(asked)) * tiles[:, None]
         last = np.minimum(first + tiles[:, None], np.array(some.shape)[:, None]) - 1
         # What holds of a tile's box holds of each of its cells.
@@ -848,9 +850,10 @@ class Argument:
 
     # ---- all claims
 
-    def promised(self, steps: Sequence[int]) -> Array:
-        """Which cells some S_k^n with n >= 1 has, of these steps k, or without a target S_k^1."""
+    def promised(self, step: int | None) -> Array:
+        """The cells that some S_k^n with n >= 1 has, without a target S_k^1, of a step k or of any: (*counts) bool."""
         total, one = self.problem.steps, self.problem.target is None
+        steps = range(total) if step is None else [step]
         out = np.zeros(math.prod(self.counts.tolist()), np.bool_)
         for k in steps[:1] if self.alike else steps:
             out |= self.bits(k, 1 if one else total - k)  # the largest, as `do_not_grow` says
@@ -868,17 +871,17 @@ class Argument:
         # Of cells that do not cover the grid no other claim would mean anything.
         if wrong:
             return
-        size = math.prod(self.counts.tolist())
         # `sampled.claims_made` counts the same claims without looking at them: a kind that is added here is added there
-        chosen = np.ones(size, np.bool_)
+        chosen = np.broadcast_to(np.True_, self.counts)  # which takes no memory
         if samples is not None:
-            chosen[:] = False
-            chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
+            chosen = np.zeros(self.counts, np.bool_)
+            some = np.random.default_rng(seed).choice(chosen.size, min(samples, chosen.size), False)
+            chosen.reshape(-1)[some] = True
         if self.problem.sensed:
             yield Claim(PREDICTED, self.problem.count, self.problem.count, self.far_off())
         yield from self.claims_of_inputs(every, chosen, bar)
         yield Claim(GROW, len(self.pairs), len(self.pairs), self.do_not_grow())
-        yield from self.claims_of_sets(chosen, bar)
+        yield from self.claims_of_sets(chosen.reshape(-1), bar)
         if self.problem.trusted:
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.problem.trusted))}", 0, 0, [])
 
@@ -886,57 +889,66 @@ class Argument:
         """Yield the claims of where inputs lead, from where they are clear, and which lead into the target itself."""
         tasks = [*np.ndindex(self.low.shape[:2])]
         found = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}
+        # the cells of which something is claimed: the same for every input
+        of_step = lru_cache(maxsize=4)((lambda _: np.broadcast_to(np.True_, self.counts)) if every else self.promised)
         with ThreadPoolExecutor(self.together(len(tasks))) as pool:
             # Each task counts for itself and is added up here, in one thread.
-            made = pool.map(lambda task: self.of_an_input(task[0], task[1], every, chosen), tasks)
+            made = pool.map(lambda task: self.of_an_input(task[0], task[1], of_step, chosen), tasks)
             for each in bar(made, "moves", len(tasks)):
                 for name, one in each.items():
                     found[name].add(one)
         yield from (own.claim(name) for name, own in found.items() if name != ARRIVE or len(self.arrives))
 
-    def of_an_input(self, start: int, j: int, every: bool, chosen: Array) -> dict[str, "Count"]:
+    def of_an_input(self, start: int, j: int, of_step: OfStep, chosen: Array) -> dict[str, "Count"]:
         """What is claimed of moves, clear inputs and arrivals under u_j from `start` on, counted by name.
 
-        `ask` counts what is claimed and puts what is to be looked at into `left`, from which `take_out` removes what is
-        proved by finer and finer pieces: what stays has failed.
+        What `take_out` does not prove, by finer and finer pieces of the interval, has failed.
         """
-        found, left = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}, list[Asked]()
-        chosen = chosen.reshape(self.counts)
-
-        # Two, as moves ask of a step and of all steps in turn.
-        @lru_cache(maxsize=2)
-        def of_steps(step: int | None) -> Array:
-            """The cells of which something is claimed at a step, or None: at any."""
-            steps = range(self.problem.steps) if step is None else [step]
-            return np.ones(self.counts, np.bool_) if every else self.promised(steps)
-
-        def ask(name: str, what: str, axes: Array, said: Array, at: tuple[int, int], fails: Any) -> None:
-            step, starts = at  # and for how many steps there are answers
-            promised, said = of_steps(None if starts == 1 else step), said.reshape(np.where(axes, self.counts, 1))
-            made, own = (said & some.any(axes_of(~axes), keepdims=True) for some in (promised, promised & chosen))
-            found[name].note(made, own, said)
-            left.append(Asked(name, f"start {step}, input {j}, {what}", axes, own, fails))
-
-        def steps_of(marks: Array) -> Sequence[int]:  # of the interval, or where moves are the same from each, of all
-            return range(len(marks)) if len(self.low) == 1 else [start][: len(marks)]
-
-        moved, places = partial(self.moves_hold, start, j), np.ones(self.low.shape[2], np.bool_)
-        ask(MOVES, "place", self.known, places, (start, len(self.low)), partial(failing, moved))
-        for one in self.clear:
-            axes = ", ".join(self.problem.names[k] for k in axes_of(one.own))
-            for step in steps_of(one.bits):
-                said, fails = marked(one.bits, step, j), partial(self.not_clear, one, step, j)
-                ask(CLEAR, f"cell of {axes}", one.own, said, (step, len(one.bits)), fails)
-        for step in steps_of(self.arrives):
-            said, fails = marked(self.arrives, step, j), partial(failing, partial(self.arrivals_hold, step))
-            ask(ARRIVE, "site", self.sites > 0, said, (step, len(self.arrives)), fails)
+        found = {MOVES: Count(), CLEAR: Count(), ARRIVE: Count()}
+        left = self.to_be_asked(start, j, of_step, chosen, found)
         with np.errstate(all="ignore"):
             for pieces in FINENESS:
                 self.take_out(start, j, pieces, left)
-        # What none of these proved.
-        for each in left:
-            found[each.name].fail(each.what, each.cells)
+        for one in left:
+            found[one.name].fail(one.what, one.cells)
         return found
+
+    def to_be_asked(
+        self, start: int, j: int, of_step: OfStep, chosen: Array, found: Mapping[str, "Count"]
+    ) -> list["Asked"]:
+        """What is said of promised and chosen cells, with what is said in all counted into `found`."""
+        out = []
+        for one, step in self.said(start, j):
+            promised, others = of_step(step), axes_of(~one.axes)
+            made = one.cells & promised.any(axis=others, keepdims=True)
+            asked = one.cells & (promised & chosen).any(axis=others, keepdims=True)
+            found[one.name].note(made, asked, one.cells)
+            out.append(one._replace(cells=asked))
+        return out
+
+    def said(self, start: int, j: int) -> Iterator[tuple["Asked", int | None]]:
+        """Yield what the file says of u_j in the interval from `start`, and of which step, or None: of all alike."""
+
+        def each_step(marks: Array) -> Iterator[tuple[int, int | None]]:
+            # where moves are the same from each step, of all that there are answers for
+            for step in range(len(marks)) if len(self.low) == 1 else [start][: len(marks)]:
+                yield step, None if len(marks) == 1 else step
+
+        def asked(name: str, what: str, axes: Array, said: Array, fails: Any) -> Asked:
+            return Asked(name, what, axes, said.reshape(np.where(axes, self.counts, 1)), fails)
+
+        places, only = np.ones(self.low.shape[2], np.bool_), None if len(self.low) == 1 else start
+        hold = partial(failing, partial(self.moves_hold, start, j))
+        yield asked(MOVES, f"start {start}, input {j}, place", self.known, places, hold), only
+        for one in self.clear:
+            axes = ", ".join(self.problem.names[k] for k in axes_of(one.own))
+            for step, only in each_step(one.bits):
+                what, fails = f"start {step}, input {j}, cell of {axes}", partial(self.not_clear, one, step, j)
+                yield asked(CLEAR, what, one.own, marked(one.bits, step, j), fails), only
+        for step, only in each_step(self.arrives):
+            fails = partial(failing, partial(self.arrivals_hold, step))
+            said = marked(self.arrives, step, j)
+            yield asked(ARRIVE, f"start {step}, input {j}, site", self.sites > 0, said, fails), only
 
     def take_out(self, start: int, j: int, pieces: int, left: Sequence["Asked"]) -> None:
         """Take out of what is open, in place, what bounds so fine prove."""
@@ -1026,7 +1038,7 @@ def in_tiles(some: Array, tiles: Array) -> Array:
     for k, size in enumerate(tiles.tolist()):
         if size > 1:
             some = np.logical_or.reduceat(some, np.arange(0, some.shape[k], size), axis=k)
-    return some.copy()
+    return some
 
 
 def spread(tiles: Array, shape: Sequence[int]) -> Array:

@@ -97,15 +97,14 @@ def named(step: int, cell: Any, counts: Array) -> str:
 
 def claims_made(sets: Argument) -> int:
     """How many claims there are, as `Argument.claims` counts them."""
-    robot, steps = sets.problem, range(sets.problem.steps)
+    robot = sets.problem
     # As `Argument.claims`: axes that are covered, sets that grow, and predictions of each input.
     out = robot.ndim + len(sets.pairs) + robot.count * robot.sensed
     inputs = np.packbits(np.ones(robot.count, np.bool_), bitorder="little")  # other bits of marks are of none
     answers = [(sets.low, sets.known), *((one.bits, one.own) for one in sets.clear), (sets.arrives, sets.sites > 0)]
     for array, axes in answers:
         for step in range(len(array)):
-            asked = sets.promised(steps if len(array) == 1 else [step])
-            asked = asked.any(axis=axes_of(~axes)).ravel()
+            asked = sets.promised(None if len(array) == 1 else step).any(axis=axes_of(~axes)).ravel()
             out += int(asked.sum()) * robot.count if array is sets.low else bits_of(array[step][asked] & inputs)
     for step, within in sets.pairs:
         out += bits_of(sets.pool[sets.row(step, within)])

@@ -230,30 +230,46 @@ def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> It
 def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterator[tuple[str, Count]]:
     """Yield what the words of a step claim, counted, by fields: some of them several times."""
     left, none = words.steps - start, sets.problem.target is None
-    fewest, where = steps_to_go(sets, start, left, none), f"start {start}, cell"
-    # Where no step is left, and of cells that nobody promises, clear inputs count as made only if `every`.
-    promised = sets.promised([start]).ravel() if left and not every else np.full(len(fewest), every)
+    fewest = steps_to_go(sets, start, left, none)
     for cells, ids in words.ids(start):
         for name, made, bad in claims_of_steps(words, ids, fewest[cells], left, none):
-            yield name, counted(made, cells.start + bad, where)
-        if "clear" in words.fields:
-            said, at = words.fields["clear"][ids], np.array(np.unravel_index(np.r_[cells], sets.counts))
-            clear = np.array([sets.is_clear(start, j, at) for j in range(sets.problem.count)]).T & (left > 0)
-            bad = cells.start + np.flatnonzero((said & ~clear).any(axis=1))
-            own = counted(int(said[promised[cells]].sum()), bad, where)
-            own.beside = int(said.sum()) - own.made
-            yield "clear", own
+            yield name, counted(made, cells.start + bad, f"start {start}, cell")
+    if "clear" in words.fields:
+        yield from (("clear", one) for one in clear_at(words, sets, start, every))
     # By steps to go, as the sums of one set take longest and serve all words that lead into it.
     for ahead in range(left + 1):
         leads = ahead > 0 and left > 0
         all_in = partial(sets.all_in, sets.sums(sets.bits(start + 1, ahead - 1)) if leads else None)
         for cells, ids in words.ids(start):
-            for name, some, steps in claims_of_inputs(words, ids, fewest[cells], left, none):
-                asked = steps == ahead
-                for j in range(sets.problem.count if asked.any() else 0):
-                    own_cells = cells.start + np.flatnonzero(asked & some[ids, j])
-                    good = sets.leads(own_cells, start, j, all_in) if leads else np.zeros(own_cells.size, np.bool_)
-                    yield name, counted(own_cells.size, own_cells[~good], f"start {start}, input {j}, cell")
+            said = [
+                (name, at := np.flatnonzero(steps == ahead), some[ids[at]])
+                for name, some, steps in claims_of_inputs(words, ids, fewest[cells], left, none)
+            ]
+            for j in range(sets.problem.count):
+                own = {name: at[some[:, j]] for name, at, some in said}
+                # most cells are in several fields, and are asked about once
+                bad = np.zeros(len(ids), np.bool_)
+                for at in own.values():
+                    bad[at] = True
+                asked = np.flatnonzero(bad)
+                if leads:
+                    bad[asked] = ~sets.leads(cells.start + asked, start, j, all_in)
+                for name, at in own.items():
+                    yield name, counted(at.size, cells.start + at[bad[at]], f"start {start}, input {j}, cell")
+
+
+def clear_at(words: Words, sets: Argument, start: int, every: bool) -> Iterator[Count]:
+    """Yield what is claimed of inputs that are clear at a step, some cells at a time."""
+    going = start < words.steps
+    # Where no step is left, and of cells that nobody promises, clear inputs count as made only if `every`.
+    promised = sets.promised(start).ravel() if going and not every else np.broadcast_to(every, sets.counts).reshape(-1)
+    for cells, ids in words.ids(start):
+        said, at = words.fields["clear"][ids], np.array(np.unravel_index(np.r_[cells], sets.counts))
+        clear = np.array([sets.is_clear(start, j, at) for j in range(sets.problem.count)]).T & going
+        bad = cells.start + np.flatnonzero((said & ~clear).any(axis=1))
+        own = counted(int(said[promised[cells]].sum()), bad, f"start {start}, cell")
+        own.beside = int(said.sum()) - own.made
+        yield own
 
 
 def counted(made: int, bad: Array, what: str) -> Count:
@@ -263,11 +279,9 @@ def counted(made: int, bad: Array, what: str) -> Count:
 
 def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
     """The fewest steps to go from each cell at a start, (cells,): left + 1 for none; without a target all or none."""
-    if has_no_target:
-        return np.where(sets.bits(start, left), left, left + 1)
-    out = np.full(math.prod(sets.counts.tolist()), left + 1, np.int32)
+    out = np.full(math.prod(sets.counts.tolist()), left + 1, np.min_scalar_type(left + 1))
     # Descending, so that the fewest stays.
-    for within in range(left, -1, -1):
+    for within in [left] if has_no_target else range(left, -1, -1):
         out[sets.bits(start, within)] = within
     return out
 

@@ -341,7 +341,7 @@ def test_what_is_not_promised_is_counted(files, tmp_path):
     made = {every: {claim.name: claim for claim in plain.claims(every)} for every in (True, False)}
     some, all_of_it = made[False][CLEAR], made[True][CLEAR]
     assert 0 < some.checked == some.made < all_of_it.made == some.made + some.beside and not all_of_it.beside
-    promised = plain.promised([0]).ravel()
+    promised = plain.promised(0).ravel()
     assert made[False][NEARER].made == made[True][NEARER].made and 0 < promised.sum() < promised.size
     assert "were not looked at" in str(some) and "were not looked at" not in str(all_of_it)
     few = {claim.name: claim for claim in plain.claims(True, samples=50, seed=1)}

@@ -64,7 +64,7 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
     monkeypatch.setattr(sampled, "some_cells", draw)
     arrays = {one: arrays.array(one) for one in arrays.stated}
     assert not sampled.looked_over(told, arrays, None)[2]
-    promised = {step for step, within in sets.pairs if within and sets.promised([step]).any()}
+    promised = {step for step, within in sets.pairs if within and sets.promised(step).any()}
     assert {j for _, j in asked} == {*range(sets.problem.count)} and {step for step, _ in asked} == promised
     assert drawn.keys() == {*sets.pairs}
     for pair, cells in drawn.items():
