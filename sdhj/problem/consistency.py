@@ -131,7 +131,7 @@ def check_sensing(problem: Any) -> None:
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
     whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
-    # the checker has wider limits of its own (`read_sensing` in `sdhj.certified.check.stated`)
+    # the checker asks the same of a file (`read_sensing` in `sdhj.certified.check.stated`)
     if sensing.delay + 2 * sensing.jitter > delta:
         raise ValueError(
             f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "

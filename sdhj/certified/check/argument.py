@@ -215,6 +215,9 @@ class Argument:
         self.length = robot.delta + 2 * robot.jitter  # of an interval, at most
         self.always = 0.0 - robot.jitter, self.time(robot.steps) + self.length
         expect(not (robot.jitter and robot.timed), "with jitter the velocity must not depend on time", robot.jitter)
+        # who leaves there is out of danger, but reaches no target; nor is it certain when a measured state has left
+        fits = not self.safe.any() or (robot.target is None and not robot.sensed)
+        expect(fits, "safe ends must be of a robot without target and sensing", robot.ends)
         fields = "kind shape lowers widths extents"
         self.read_cells(entry("cells", head["cells"], fields, "layers periodic"), arrays)
         self.read_proof(entry("the proof", head["proof"], "parts own unsure clear", "arrives"), arrays)

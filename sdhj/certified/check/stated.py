@@ -208,6 +208,8 @@ class Problem:
         self.error = np.array(reals("error", error, self.ndim, 0.0))
         self.delay = real("delay", given.get("delay", 0.0), 0.0, self.delta)
         self.jitter = real("jitter", given.get("jitter", 0.0), 0.0, self.delta / 2)
+        both = self.delay + 2 * self.jitter
+        expect(both <= self.delta, "delay + 2 jitter must be at most delta: inputs begin in their order", both)
         expect(isinstance(given.get("memory", False), bool), "memory must be true or false", given.get("memory"))
         # only looked at: no claim rests on what was applied before the first step
         rest = given.get("rest", 0)

@@ -20,6 +20,7 @@ from forged_robots import (
     NEARER,
     ROBOTS,
     Forgery,
+    arrives,
     both,
     clears,
     edit,
@@ -27,6 +28,8 @@ from forged_robots import (
     head,
     nothing_in_sets,
     put,
+    ring,
+    sets,
     standing,
     stream,
 )
@@ -174,9 +177,9 @@ def on_axes(*each):
     def forge(told, arrays):
         every, cells = first_clear(told, arrays["clear"][()]), told["cells"]["shape"]
         every, out = every.reshape(len(every), *cells, -1), []
-        for axes, sets, _ in each:
+        for axes, some, _ in each:
             few = tuple(slice(None) if k in axes else slice(1) for k in range(len(cells)))
-            out.append(every[slice(None if sets else 1), *few].ravel())
+            out.append(every[slice(None if some else 1), *few].ravel())
         put(arrays, clear=np.concatenate(out))
         told["proof"]["clear"] = [dict(zip(("axes", "sets", "ends"), one, strict=True)) for one in each]
 
@@ -188,6 +191,17 @@ def of_clear(**entry):
     return head(lambda told: told["proof"]["clear"][0].update(entry))
 
 
+def first_cell_leaves(told, arrays):
+    """From the first cell of a line an input leads out: as if that were the target."""
+    sets(lambda found: found[1:, 0].fill(True))(told, arrays)
+
+
+def before_the_seam():
+    """The ring, whose target ends at the seam: an image that begins before it ends elsewhere."""
+    return replace(ring(), target=sdhj.TargetSet((0,), lambda p, t: 2.0 - p[:, 0]))
+
+
+WAY_OUT = "safe ends must be of a robot without target and sensing"
 DEPENDS, EVERY = "tubes must depend on no other axes", "inputs must be clear of every unsafe set"
 
 
@@ -289,6 +303,14 @@ NEW = {
     "more clear inputs": Forgery(
         "line", "clear must be kept", lambda told, arrays: put(arrays, clear=np.tile(arrays["clear"][()], 2))
     ),
+    "a way out with a target": Forgery(
+        "line", WAY_OUT, both(whole("grid ends", [["safe", "safe"]]), clears(0, 0), first_cell_leaves)
+    ),
+    "a way out that is measured": Forgery("stream", WAY_OUT, head(lambda told: told.update(sensing={"error": 0.01}))),
+    "inputs that begin before the last": Forgery(
+        "line", "delay + 2 jitter", head(lambda told: told.update(sensing={"delay": 0.3, "jitter": 0.2}))
+    ),
+    "an arrival whose first half is in the target": Forgery("ring", ARRIVE, arrives(2, 119), becomes=before_the_seam),
     "cells beyond the last": Forgery(
         "line", "no cells that there are not", edit("pool", lambda pool: pool.fill(2**64 - 1))
     ),
@@ -785,6 +807,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "self.ends(cells, 2 * self.near) + moved\n        return",
         "self.ends(cells) + moved\n        return",
         "an arrival nearer than rounding",
+    ),
+    "both halves of what crosses a seam": (
+        "argument",
+        "np.maximum.at(found[1, row], of[count:], found[1, row, count:])",
+        "pass",
+        "an arrival whose first half is in the target",
     ),
     "when a cell arrives": ("argument", "self.sites), self.time(step + 1)", "self.sites), self.time(0)", "tide"),
     "arrivals of each time": (
