@@ -125,6 +125,11 @@ def test_a_word_that_claims_more_is_refused(tmp_path, table, field):
     assert f"exported: {field}" in failed(table(), forged(table(), field, FORGERIES[field]), tmp_path)
 
 
+def test_a_word_that_says_to_be_in_the_target_is_refused(tmp_path):
+    data = forged(robot(), "select", lambda _: b"\xfe\xff")  # in place of every input, too
+    assert failed(robot(), data, tmp_path) == {"exported: select"}
+
+
 @pytest.mark.parametrize("field", FIELDS)
 def test_inputs_that_are_forbidden_somewhere(tmp_path, field):
     """What is exported is proved; the words of the robot to whom nothing is forbidden are refused under its name."""

@@ -23,6 +23,7 @@ from forged_robots import (
     arrives,
     both,
     clears,
+    crossed,
     edit,
     first_clear,
     head,
@@ -325,6 +326,26 @@ def test_a_new_forgery_is_refused(name, files, tmp_path):
         said = refusals(path, every=every)
         assert said or (every is False and forgery.said in (ARRIVE, CLEAR, MOVES)), said
         assert not said or any(forgery.said in one for one in said), said
+
+
+def only_from_step_1(told, arrays):
+    """No set of step 0 has a cell, and those of step 1 are the first of which something is promised."""
+    sets(lambda found: found[: told["steps"] + 1].fill(False))(told, arrays)
+
+
+PROMISED = {  # of cells of which something is promised, so that whoever verifies by default is told
+    "a stronger push once step 0 is over": Forgery(
+        "crossed", MOVES, only_from_step_1, becomes=lambda: crossed(push=0.3)
+    ),
+    "a post where two steps are to go": Forgery("line", CLEAR, becomes=lambda: on_a_line(posts=(-2.1, 3.0))),
+}
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_what_is_false_of_what_is_promised_is_refused(name, files, tmp_path):
+    forgery = PROMISED[name]
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.npz")
+    assert any(forgery.said in one for one in refusals(path, every=False))
 
 
 @pytest.mark.parametrize("name", OTHERS)
