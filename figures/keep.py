@@ -2,7 +2,7 @@
 
 `python figures/keep.py timing maze` runs the commands of these names, `python figures/keep.py` tells which there are.
 
-A page quotes a command below a mark, `<!-- maze: lines of `python figures/studies/maze.py` -->`: all lines that it
+A page quotes a command below a mark, `<!-- maze: rows of `python figures/studies/costs.py maze` -->`: all lines that it
 printed, its `rows` of a table, or `some lines`, which are found again by all but their numbers. What was printed is in
 figures/kept/, with the commit that ran. Chapters read it there (`course.paper.kept`), and are executed again; a
 figure of the command goes to the gallery, and says in the file which lines were printed when it was drawn.

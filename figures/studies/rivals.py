@@ -1,6 +1,6 @@
 """How long two standard examples of discretised control take to certify on one thread, beside published times.
 
-`python figures/studies/rivals.py` certifies the vehicle in a maze (`maze.py`) and the voltage converter
+`python figures/studies/rivals.py` certifies the vehicle in a maze (`costs.py`) and the voltage converter
 (`extra_dcdc.py`), both until nothing changes, in seconds of CPU time, compiling apart. SCOTS's shares are those of its
 examples `vehicle` and `dcdc`; the times are those that Dionysos.jl publishes for its own abstractions of the two, on
 its own host: the same problems, by other methods on other machines.
@@ -13,7 +13,6 @@ import sys
 import time
 from pathlib import Path
 
-import maze
 import numba
 
 import sdhj
@@ -21,6 +20,7 @@ import sdhj
 sys.path.append(str(Path(__file__).parents[1]))  # the scripts are no package to install
 
 import extra_dcdc
+from costs import MAZE_CELLS, SCOTS_SHARE, maze
 
 # By nodes on each axis, s: the arm's 900 PDEs by hj_reachability on one H100, all 25 inputs abreast and one by one, and
 # the whole game (avoid tubes, PDEs, union and marks) by sdhj on 2 and on 16 cores of the same machine, in one run.
@@ -44,9 +44,9 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     numba.set_num_threads(1)
     print("| | cells | proved | time | SCOTS's share | Dionysos.jl |\n| --- | --- | --- | --- | --- | --- |")
-    vehicle, converter = maze.maze(), extra_dcdc.dcdc()
+    vehicle, converter = maze(), extra_dcdc.dcdc()
     for name, problem, cells, parts, scots, published in (
-        ("maze", vehicle, maze.CELLS, 10, maze.SCOTS_SHARE, 15.0),
+        ("maze", vehicle, MAZE_CELLS, 10, SCOTS_SHARE, 15.0),
         ("converter", converter, (800, 800), 10, extra_dcdc.SCOTS, 4.8),
         ("converter, in 3 parts", converter, (800, 800), 3, extra_dcdc.SCOTS, 4.8),
     ):

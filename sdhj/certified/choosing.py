@@ -14,7 +14,7 @@ cells are in proportion to (c_k times the length of the axis) to the power `SHAR
 - Sets are packed, 64 cells in a word, and a word that is half full takes as long. The axis has whole words.
 
 What a solve takes (`seconds_taken`) is a count of what is computed, times the seconds that each took where this was
-written. It is no clock, so a problem has the same cells on every machine. `python figures/studies/cost_of_cells.py`
+written. It is no clock, so a problem has the same cells on every machine. `python figures/studies/costs.py counted`
 prints it beside the seconds that a solve took.
 """
 

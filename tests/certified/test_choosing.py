@@ -5,7 +5,7 @@ import tracemalloc
 from dataclasses import replace
 from fractions import Fraction
 
-import cost_of_cells
+import costs
 import large
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def test_the_same_cells_everywhere_and_more_for_more_time():
 @pytest.mark.slow
 def test_words_along_which_sets_are_packed_are_full():
     """A crane: 65 cells of x take as long as 128. A pursuer's last axis, of 14 cells, is not worth a word."""
-    crane = cost_of_cells.crane()
+    crane = costs.crane()
     assert [chosen_cells(crane, 10, seconds)[0] for seconds in (0.5, 2.0, 8.0)] == [64, 128, 128]
     assert chosen_cells(large.WORKED["arm"].problem(9), 10, 2.0)[4] < 32
 
