@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from course.exercises import exercise, expect, expect_close
-from course.slices import HERE, POSTURE, draw_arm_live, draw_sets_quickly, draw_slice_legend, wrapped
+from course.slices import HERE, POSTURE, draw_arm_live, draw_sets, draw_slice_legend, wrapped
 from course.widgets import Explorer, Numbers, agent_sliders, angle, slider
 from sdhj.arm.case_studies import scene
 from sdhj.common.remembering import FloatArray
@@ -32,7 +32,7 @@ def draw_both_spaces(
     t = step * problem.delta
     draw_arm_live(left, problem, state, t)
     left.set_title(f"workspace, t = {t:.2f} s")
-    draw_sets_quickly(right, problem, through=state, step=step)
+    draw_sets(right, problem, through=state, step=step)
     right.plot(*wrapped(state), **HERE)
     right.set_title("configuration space (slice)")
     draw_slice_legend(figure, problem)

@@ -15,7 +15,7 @@ from course.slices import (
     HERE,
     POSTURE,
     draw_arm_live,
-    draw_sets_quickly,
+    draw_sets,
     draw_short_bar,
     draw_slice_legend,
     draw_steps,
@@ -54,7 +54,7 @@ def draw_tube_and_arm(
     left.set_title(f"workspace at step {start}")
     fewest = steps_image(table, through=state, start=start, within=within, axes=axes)
     draw_steps(right, table, fewest, within=within, axes=axes)
-    draw_sets_quickly(right, problem, through=state, step=start, axes=axes, filled=False, resolution=81)
+    draw_sets(right, problem, through=state, step=start, axes=axes, filled=False)
     right.plot(*here(table.grid, state, axes), **HERE)
     right.set_title(f"from step {start}, within {within} steps")
     draw_short_bar(bar, table.steps)

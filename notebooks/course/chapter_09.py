@@ -16,7 +16,7 @@ from PIL import Image
 import sdhj
 from course.exercises import exercise, expect, expect_close
 from course.paper import LIGHT, block, isosurface
-from course.slices import LIVE, POSTURE, around, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
+from course.slices import LIVE, POSTURE, around, draw_arm_live, draw_pixels, draw_sets, slice_values
 from course.widgets import Explorer, Numbers, agent_sliders, played, slider, step_sliders
 from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import kernel
@@ -123,7 +123,7 @@ def draw_over(
     for mask, colour in zip(masks, (FULL_LOOKS["facecolor"], INNER_LOOKS["facecolor"], OUTCOME_INK), strict=False):
         image[mask] = to_rgba(colour)
     draw_pixels(right, image, around(where.x, where.y), "sets")
-    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    draw_sets(right, problem, through=state, step=start, filled=False)
     return right
 
 

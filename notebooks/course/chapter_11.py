@@ -21,7 +21,7 @@ from course.slices import (
     colours_of,
     draw_arm_live,
     draw_pixels,
-    draw_sets_quickly,
+    draw_sets,
     fewest_steps,
     here,
     slice_values,
@@ -56,7 +56,7 @@ def draw_live_moment(axes: Sequence[Axes], table: Table, run: Any, index: int, *
         inside = slice_values(problem.grid, table.values(**goal), state, (0, 1), where.x, where.y) <= 0
         image = np.array([(1.0, 1.0, 1.0, 0.0), to_rgba(FULL_LOOKS["facecolor"])])[inside.astype(int)]
         draw_pixels(right, image, around(where.x, where.y), "tube")
-    draw_sets_quickly(right, problem, through=state, step=time / problem.delta, resolution=81)
+    draw_sets(right, problem, through=state, step=time / problem.delta)
     draw_way((left, right), problem, run)
     done = run.states[: index + 1]
     left.plot(*scene(problem).arm.tip(done[:, :2]).T, zorder=6, gid="tip-path", **WAY)
