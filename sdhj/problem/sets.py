@@ -22,7 +22,7 @@ from sdhj.problem.shapes.maps import map_distance
 from sdhj.problem.shapes.polygons import polygon_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
-# factor inside sets of sampling="steep": in the maze of figures/studies/costs.py 3 loses 2 % of the starts, 5 1 %, 10 none
+# factor inside sets of sampling="steep": in the maze of figures/studies/ 3 loses 2 % of the starts, 5 1 %, 10 none
 STEEP = 10.0
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
