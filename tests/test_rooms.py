@@ -1,4 +1,4 @@
-"""The shape of the house: where imports may stand and point, and functions that fit on a screen."""
+"""The shape of the house: where imports may stand and point, and where compiled code lies."""
 
 import ast
 import tomllib
@@ -79,22 +79,6 @@ def test_optional_rooms_are_there() -> None:
         assert path.is_dir() or path.with_suffix(".py").is_file()
 
 
-PLANTED = {
-    "in a function": "def f():\n    from sdhj.table.table import entry\n",
-    "the facade": "import sdhj",
-    "a name of the facade": "from sdhj import solve",
-    "relative": "from .table import entry",
-    "for types": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import os",
-    "by a string": "import importlib\nimportlib.import_module('sdhj.table.table')",
-    "by a variable": "import importlib\nimportlib.import_module(name)",
-}
-
-
-@pytest.mark.parametrize("source", PLANTED.values(), ids=PLANTED.keys())
-def test_planted_fault_is_found(source: str) -> None:
-    assert faults(ast.parse(source))
-
-
 def test_kernels_import_nothing_of_the_rest() -> None:
     """Compiled code is stamped with its folder alone; of `common.remembering` none of it calls anything."""
     for path in sorted((PACKAGE / "kernels").rglob("*.py")):
@@ -113,50 +97,3 @@ def decorators(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
     return {
         ast.unparse(one.func if isinstance(one, ast.Call) else one).split(".")[-1] for one in function.decorator_list
     }
-
-
-def back_doors(module: ast.Module) -> list[str]:
-    """Where a frozen object is written but by itself as it is made, or others fill a list or cache of a file."""
-    own = {
-        id(node)
-        for one in functions(module)
-        if one.name in ("__init__", "__post_init__", "_check_parts")
-        for node in ast.walk(one)
-        if isinstance(node, ast.Call) and node.args and ast.unparse(node.args[0]) == "self"
-    }
-    found = []
-    for node in ast.walk(module):
-        if isinstance(node, ast.Call):
-            called = ast.unparse(node.func)
-            if called in ("object.__setattr__", "object.__new__") and id(node) not in own:
-                found.append(f"{node.lineno}: {ast.unparse(node)}")
-        if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del):
-            if ast.unparse(node.value).startswith("vars(") or ast.unparse(node.value).endswith(".__dict__"):
-                found.append(f"{node.lineno}: {ast.unparse(node)}")
-    for node in module.body:
-        value = getattr(node, "value", None)
-        if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(value, ast.Call | ast.List):
-            name = ast.unparse(node.targets[0] if isinstance(node, ast.Assign) else node.target)
-            if not name.startswith("_") and (ast.unparse(value) == "[]" or ast.unparse(value).startswith("Weak")):
-                found.append(f"{node.lineno}: {ast.unparse(node)}")
-    return found
-
-
-def test_there_are_no_back_doors() -> None:
-    assert {str(path): found for path in FILES if (found := back_doors(tree(path)))} == {}
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "def f(one):\n    object.__setattr__(one, 'a', 1)",
-        "class A:\n    def __post_init__(self):\n        object.__setattr__(self.b, 'a', 1)",
-        "one = object.__new__(A)",
-        "vars(one)['a'] = 1",
-        "one.__dict__['a'] = 1",
-        "PLAYERS: list[int] = []",
-        "SAMPLES = WeakValueDictionary[int, int]()",
-    ],
-)
-def test_planted_back_door_is_found(source: str) -> None:
-    assert back_doors(ast.parse(source))

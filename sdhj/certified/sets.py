@@ -30,7 +30,7 @@ The obligations of the proof, where each is met, and the test (certified, promis
     axes of a set move alike and are many, boxes of it are united, 64 cells at a time: `word_tubes`.
     [test_what_tubes_overlap_is_united_as_plain_loops_say, test_no_state_of_a_clear_cell_is_met] Each set is
     asked about on all axes that its tubes depend on, and no others: `sdhj.certified.dangers`.
-    [test_a_new_forgery_is_refused]
+    [test_a_forgery_is_refused]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `CONTACT_MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -59,7 +59,7 @@ The obligations of the proof, where each is met, and the test (certified, promis
 
 For robots of one's own, what each of these comes to, and what the checker refuses that lacks it: a forgery in
 tests/lib/forged_robots.py, of which test_a_forgery_is_refused asks the sentence. In
-tests/certified/check/test_plain_gate.py each step of the checker's argument is taken away, and a forgery is believed.
+tests/campaign/test_check_needs_it.py each step of the checker's argument is taken away, and a forgery is believed.
 
     1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"
     1    cells that move alike are alike, and no wall near  "cells that are not alike", "a wall on the way"

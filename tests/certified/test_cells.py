@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from zoo import line
 
 import sdhj
 from sdhj.certified.cells import CellAxis, aligned_width, as_fraction, as_rounded_fraction, period_bounds
@@ -39,13 +40,11 @@ def test_cells_are_aligned_where_the_numbers_allow():
 
 
 def test_a_period_that_may_be_a_little_more_than_one_is_cut_into_cells():
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.1 + 0.2], [1.3], [11], periodic=[True]),
-        sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.1]),
-        sdhj.TargetSet((0,), lambda p, t: np.cos(2 * np.pi * p[:, 0]) + 0.5),
-        [],
+    problem = line(
+        (-1.0, 1.0),
+        grid=sdhj.Grid([0.1 + 0.2], [1.3], [11], periodic=[True]),
+        target=sdhj.TargetSet((0,), lambda p, t: np.cos(2 * np.pi * p[:, 0]) + 0.5),
         delta=0.1,
-        steps=3,
     )
     (axis,) = sdhj.Certified(cells=(10,)).axes(problem)
     assert axis.extent[0] < 1 < axis.extent[1] and axis.count == 10

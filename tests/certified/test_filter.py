@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 
 
 @pytest.mark.slow
 def test_one_command_is_answered_as_among_many():
-    table = sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(30, 30, 38)), progress=False, play=False)
+    table = sdhj.solve(zoo.unicycle_problem(), sdhj.Certified(cells=(30, 30, 38)), progress=False, play=False)
     controller, rng = sdhj.Controller(table), np.random.default_rng(0)
     states = rng.uniform(-1.0, 1.0, (300, 3)) * [0.7, 0.7, np.pi]
     wanted = rng.choice(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.check import verify
@@ -22,11 +23,9 @@ def reactor(nodes=(71, 61), steps=None):
             [1.0 - c - k, 350.0 - temperature + 5e4 / 239.0 * k + 5e4 / 23900.0 * (u[0] - temperature)], axis=1
         )
 
-    return sdhj.ReachAvoidProblem(
+    return zoo.cart(
         grid=sdhj.Grid([0.2, 320.0], [0.9, 380.0], nodes, names=["cA", "T"]),
         dynamics=sdhj.Dynamics(COOLING, drift, gain=[[0], [1]], bounds=[2.0]),
-        target=None,
-        unsafe=[],
         delta=0.25,
         steps=steps,
     )
@@ -69,13 +68,11 @@ def test_a_reactor_is_proved_though_its_rate_grows_fast(tmp_path):
 
 def test_what_is_gone_within_any_part_is_refused_with_advice_on_parts():
     """x' = u (x / 1.5)^9 + v: from x = 3 it is gone within 0.0005 s."""
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0], [4.0], [41]),
-        sdhj.Dynamics([[0.0], [1.0]], lambda q, u: u[0] * (q / 1.5) ** 9, [[1.0]], [0.1]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 3.5) - 0.3),
-        [],
-        0.25,
-        3,
+    problem = zoo.line(
+        grid=sdhj.Grid([0.0], [4.0], [41]),
+        dynamics=sdhj.Dynamics([[0.0], [1.0]], lambda q, u: u[0] * (q / 1.5) ** 9, [[1.0]], [0.1]),
+        target=zoo.goal(3.5, 0.3),
+        delta=0.25,
     )
-    with pytest.raises(ValueError, match=r"grows too fast.*np.minimum, use a shorter delta, or more parts than the 64"):
+    with pytest.raises(ValueError, match=r"np\.minimum, use a shorter"):
         sdhj.solve(problem, sdhj.Certified(cells=[400], parts=2), progress=False, play=False)

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 from sdhj.certified.export import InLines
@@ -50,7 +50,7 @@ def test_lines_of_cells_are_answered_as_each_cell_alone(periodic, end):
 
 @pytest.mark.slow
 def test_pieces_hold_each_cell_once_and_in_the_blocks_of_the_file():
-    table = sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(20, 20, 20)), progress=False, play=False)
+    table = sdhj.solve(zoo.unicycle_problem(), sdhj.Certified(cells=(20, 20, 20)), progress=False, play=False)
     for most in (1 << 20, 3000, 10):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("sdhj.certified.export.CELLS_AT_ONCE", most)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import fleet
 import numpy as np
 import pytest
-from robots import car
+from zoo import car
 
 import sdhj
 from sdhj.certified import packing

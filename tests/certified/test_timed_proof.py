@@ -227,8 +227,8 @@ def test_a_rate_is_asked_for_where_nothing_can_be_read(name):
         proof = sdhj.Certified(cells=[20] * case.ndim).proof(problem)
         return proof.tubes_of_places(np.array([0]), 0, 0.0, 1)
 
-    with pytest.raises(ValueError, match="drift is a BlackBox without a rate or an enclosure, which a proof needs"):
+    with pytest.raises(ValueError, match="BlackBox without a rate"):
         asked(case.black_box(rate=None))
-    with pytest.raises(ValueError, match="rate of a BlackBox must be finite and at least 0"):
+    with pytest.raises(ValueError, match="and at least 0"):
         case.black_box(rate=[-1.0] * case.ndim)
     assert np.isfinite(asked(case.black_box())[1]).all()

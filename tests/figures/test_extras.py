@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import toys
+import zoo
 from artists import axes, named
 from charts import draw_bars, draw_fractions, draw_sweep
 from experiments import clearances, mean_interval, starts_outside
@@ -69,7 +69,7 @@ def test_more_input_levels_never_lose_and_cost_in_proportion():
 
 @pytest.fixture(scope="module")
 def table():
-    return toys.arm_table()
+    return zoo.arm_table()
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +161,7 @@ def test_the_evader_is_caught_by_the_full_method_and_lost_by_projection():
     found = evading_target(nodes=13, steps=3, runs=200)
     assert found.won > 0.01 and found.projected_won == 0.0
     assert found.full.fraction(start=0, within=3) > found.won
-    assert len(found.warnings) == 2 and "the target depends on py" in found.warnings[0]
+    assert len(found.warnings) == 2 and "target depends on py" in found.warnings[0]
     assert set(found.reports) == {"random", "worst"}
     assert found.chase.outcome == "reached" and len(found.chase.inputs) > 0
     assert found.reports["random"].rate("reached") > 0.8
@@ -171,7 +171,7 @@ def test_the_evader_is_caught_by_the_full_method_and_lost_by_projection():
 @pytest.mark.slow
 def test_nothing_to_simulate_is_an_error():
     hopeless = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1, v_d_max=5.0), progress=False)
-    with pytest.raises(ValueError, match="next to nothing but the target"):
+    with pytest.raises(ValueError, match="nothing but the target"):
         compare_rules(hopeless, 2)
 
 
@@ -233,7 +233,7 @@ def test_what_leaves_anything_is_found_by_halving(small_car):
     assert less <= more <= high
     assert promised(small_car, "hji", "error", high) == Promise()
     assert promised(small_car, "hji", "error", less).share > 0  # at `low` what is left lies between nodes
-    with pytest.raises(ValueError, match=r"delay \+ 2 jitter must be at most delta"):
+    with pytest.raises(ValueError, match=r"delay \+ 2 jitter"):
         promised(small_car, "hji", "delay", 1.0)
 
 

@@ -9,7 +9,7 @@ import fig12_trajectory
 import fig13_comparison
 import numpy as np
 import pytest
-import toys
+import zoo
 from artists import axes, named, vertices
 from PIL import Image
 
@@ -24,12 +24,12 @@ THROUGH = (0.0, 0.0, 0.2, 0.2)
 
 @pytest.fixture(scope="module")
 def table() -> sdhj.LookupTable:
-    return toys.small_arm_table()
+    return zoo.small_arm_table()
 
 
 @pytest.fixture(scope="module")
 def run() -> Trajectory:
-    return toys.small_arm_run()
+    return zoo.small_arm_run()
 
 
 def test_comparison_lays_two_tables_over_each_other(table):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import surfaces
-import toys
+import zoo
 
 import sdhj
 from sdhj import plotting
@@ -13,7 +13,7 @@ THROUGH = (0.0, 0.0, 0.2, 0.2)
 
 @pytest.fixture(scope="module")
 def table() -> sdhj.LookupTable:
-    return toys.small_arm_table()
+    return zoo.small_arm_table()
 
 
 def ball(nodes: int, radius: float = 0.61) -> tuple[np.ndarray, list[np.ndarray]]:

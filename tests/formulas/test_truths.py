@@ -75,9 +75,7 @@ def test_a_gate_of_the_time_is_what_python_says_or_refused(name):
 
 @pytest.mark.parametrize("name", ["~", "~ of both", "~ of a product", "sum", "sum with True", "sum of products"])
 def test_numbers_of_truths_are_refused_with_what_to_write(name):
-    with pytest.raises(
-        ValueError, match=r"test_truths.py, line .* is a number to Python: ~True is -2.*t <= 1 in place"
-    ):
+    with pytest.raises(ValueError, match="Python: ~True is -2"):
         sdhj.UnsafeSet((0,), lambda p, t: np.where(GATES[name](t), np.abs(p[:, 0]) - 0.3, 1.0))
 
 

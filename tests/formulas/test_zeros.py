@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.check.formulas import read
@@ -134,14 +135,14 @@ def test_the_comparison_tells_them_too(name, rng):
 
 @pytest.mark.parametrize("nodes", [40, 41])
 def test_a_bearing_on_a_grid_with_a_node_in_its_origin_is_solved(nodes):
-    moves = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [nodes, nodes]),
-        sdhj.Dynamics(moves, moves, np.eye(2), [0.07, 0.1]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.abs(np.arctan2(p[:, 1], p[:, 0])) - 0.5),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(np.arctan2(-p[:, 1], -p[:, 0])) - 0.3, name="o")],
-        0.25,
-        4,
+    problem = zoo.plane(
+        0.5 * np.array(zoo.STEPS),
+        (0.07, 0.1),
+        grid=sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [nodes, nodes]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.abs(np.arctan2(p[:, 1], p[:, 0])) - 0.5),
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(np.arctan2(-p[:, 1], -p[:, 0])) - 0.3, name="o")],
+        delta=0.25,
+        steps=4,
     )
     for method in ("hji", sdhj.Certified([40, 40])):
         assert sdhj.solve(problem, method, play=False, progress=False).fraction(start=0) > 0.1

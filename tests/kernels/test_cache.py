@@ -52,20 +52,6 @@ def test_everything_is_compiled_by_the_decorator_that_watches_the_package() -> N
     assert {path for path, its in found.items() if its} == MAKERS, found
 
 
-PLANTED = {
-    "plain decorator": "from numba import njit\n@njit(cache=True)\ndef f(x):\n    return x",
-    "attribute": "import numba as nb\n@nb.njit\ndef f(x):\n    return x",
-    "named": "from numba import njit\nfast = njit(cache=True)",
-    "call": "from numba import vectorize\nf = vectorize(abs)",
-    "nested": "def make(a):\n    @kernel()\n    def f(x):\n        return a * x\n    return f",
-}
-
-
-@pytest.mark.parametrize("source", PLANTED.values(), ids=PLANTED.keys())
-def test_planted_fault_is_found(source: str) -> None:
-    assert len(faults(source)) == 1
-
-
 @inlined()
 def weighted(rest, total, weights):
     """total + sum of the products of two tuples."""
@@ -215,41 +201,6 @@ def test_functions_outside_the_package_see_their_own_file_change(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_the_stage_is_read_from_the_disk(tmp_path: Path) -> None:
-    """The largest kernel, with functions chosen from tables: compiled in the first process alone."""
-    code = """
-import numpy as np
-from sdhj import Grid, Scheme
-from sdhj.problem.velocities import Velocities
-from sdhj.solver.schemes import evolve
-from sdhj.kernels.stages import stage
-grid, speed = Grid([0.0] * 2, [1.0] * 2, [6, 7]), np.ones(2)
-evolve(grid, np.zeros(grid.shape), Velocities(-speed, speed), 0.1, Scheme())
-print(len(stage.stats.cache_hits), len(stage.stats.cache_misses))
-"""
-    assert run(code, tmp_path).split() == ["0", "1"]
-    assert run(code, tmp_path).split() == ["1", "0"]
-
-
-@pytest.mark.parametrize("linked", [True, False])
-@pytest.mark.parametrize("inside", [SimpleNamespace(), SimpleNamespace(_cache=None), SimpleNamespace(_cache=print)])
-def test_kernel_does_without_what_numba_may_change(
-    monkeypatch: pytest.MonkeyPatch, inside: SimpleNamespace, linked: bool
-) -> None:
-    """The stamp is a private part of Numba's: in a version without it, and uncompiled, a kernel is a kernel still."""
-    asked: list[dict[str, object]] = []
-
-    def njit(**options: object) -> object:
-        asked.append(options)
-        return lambda function: inside
-
-    monkeypatch.setattr(compiling, "njit", njit)
-    monkeypatch.setattr(compiling, "LINKED", linked)
-    assert compiling.kernel(parallel=True)(len).dispatcher is inside
-    assert asked == [{"cache": True, "parallel": True} | ({"pipeline_class": compiling.Whole} if linked else {})]
-
-
-@pytest.mark.slow
 def test_compiling_is_said_once_and_reading_from_the_cache_is_not(tmp_path: Path) -> None:
     """Two kernels are compiled in the first process, none in the second; what is around a call has the word."""
     code = """
@@ -312,33 +263,6 @@ def test_a_kernel_is_called_from_both_sides(monkeypatch: pytest.MonkeyPatch, fir
         assert called(4.0) == (2.0 if called is both[0] else 6.0)
         refused(called)
     assert len(both[0].overloads) == len(both[1].overloads) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not compiling.LINKED or numba.config.DISABLE_JIT, reason="each kernel is compiled by itself")
-def test_what_kernels_call_is_not_made_machine_code() -> None:
-    """Neither a kernel nor what Numba has of NumPy; a function by numba.njit is, which Python may call at any time."""
-
-    @numba.njit
-    def mine(x):
-        return x + 1.0
-
-    @kernel()
-    def inside(x):
-        return mine(x)
-
-    @kernel()
-    def outside(x):
-        return inside(np.zeros(3) + x).sum()
-
-    assert outside(1.0) == 6.0
-    assert not inside.overloads and len(inside.within.overloads) == 1
-    assert all(
-        isinstance(one.library, compiling.Linked) and not one.library.whole for one in inside.within.overloads.values()
-    )
-    assert mine(np.zeros(3)).sum() == 3.0 and len(mine.overloads) == 1
-    assert inside(np.zeros(3)).sum() == 3.0
-    numba.njit(lambda x: inside(x) + inside(2.0))(1.0)  # what others compile calls kernels, too
 
 
 BOTH = """

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import robots
-import toys
+import zoo
 
 import sdhj
 from sdhj.solver.joint import Joint
 
-FIVE = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])  # m/s
+FIVE = 0.5 * np.array(zoo.STEPS)  # m/s
 EXACT = sdhj.Scheme(order=3, integrator="rk3", frame="fixed", dtype="float64")
 ROUGH = sdhj.Scheme(flux="lax-friedrichs", order=1, integrator="euler", frame="fixed")
 
@@ -36,11 +36,6 @@ class Case:
     stored: bool = False
 
 
-def disk(x: float, y: float, radius: float) -> Callable[..., Any]:
-    """Level-set function of a disk on two axes."""
-    return lambda p, t: np.hypot(p[:, 0] - x, p[:, 1] - y) - radius
-
-
 def arm(**given: Any) -> Callable[[], Any]:
     """The paper's arm on few nodes, with intervals so long that it matters how moving sets enter them."""
     return lambda: sdhj.arm_case_study(**{"nodes": (13, 12, 7, 7), "steps": 3, "delta": 0.15} | given)
@@ -51,16 +46,16 @@ def evader() -> Any:
 
 
 def plane(*unsafe: Any, grid: Any = None, **given: Any) -> Any:
-    """A robot that moves along two axes in five ways, with a wind."""
+    """The zoo's walk on a coarser grid, with a wind of its own."""
     usual: dict[str, Any] = {
         "grid": grid or sdhj.Grid([0, 0], [4, 3], [33, 25]),
         "dynamics": sdhj.Dynamics(FIVE, FIVE, np.eye(2), [0.1, 0.08]),
-        "target": sdhj.TargetSet((0, 1), disk(3.3, 1.5, 0.45)),
+        "target": zoo.goal(3.3, 1.5, 0.45),
         "unsafe": unsafe,
         "delta": 0.5,
         "steps": 6,
     }
-    return sdhj.ReachAvoidProblem(**usual | given)
+    return zoo.walk(**usual | given)
 
 
 def across(middle: float = 3.3) -> Any:
@@ -81,7 +76,7 @@ def mapped() -> Any:
 def thin(sampling: str) -> Any:
     """Two fences of which only parts are felt at the nodes, sampled in one way each."""
     fence = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 1.06) - 0.07, name="fence", sampling=sampling)
-    post = sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.3), name="post", sampling="steep")
+    post = sdhj.UnsafeSet((0, 1), zoo.near(2.3, 1.45, 0.3), name="post", sampling="steep")
     low = sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] - 0.4 - 0.05 * np.sin(t), name="low", sampling=sampling)
     return plane(fence, post, low)
 
@@ -94,10 +89,10 @@ def moving(swept: bool, **given: Any) -> Any:
         return np.hypot(p[:, 0] - nearest, p[:, 1] - 1.4) - 0.35
 
     ball = sdhj.UnsafeSet(
-        (0, 1), lambda p, t: disk(2.6 - 0.3 * t, 1.4, 0.35)(p, t), over if swept else None, name="ball"
+        (0, 1), lambda p, t: zoo.near(2.6 - 0.3 * t, 1.4, 0.35)(p, t), over if swept else None, name="ball"
     )
-    post = sdhj.UnsafeSet((0, 1), disk(1.0, 0.7, 0.25), name="post")
-    target = sdhj.TargetSet((0, 1), lambda p, t: disk(3.3 - 0.05 * t, 1.5, 0.45)(p, t))
+    post = sdhj.UnsafeSet((0, 1), zoo.near(1.0, 0.7, 0.25), name="post")
+    target = sdhj.TargetSet((0, 1), lambda p, t: zoo.near(3.3 - 0.05 * t, 1.5, 0.45)(p, t))
     return plane(ball, post, target=target, **given)
 
 
@@ -115,7 +110,7 @@ def tide(*, turning: bool) -> Any:
         else lambda q, u: np.eye(2) * (1 + u[0]),
         lambda q, u, t: np.stack([0.08 + 0.02 * np.sin(t) ** 2, 0.06 + 0.05 * abs(u[1])]),
     )
-    return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics, steps=4)
+    return plane(sdhj.UnsafeSet((0, 1), zoo.near(1.9, 1.4, 0.4), name="post"), dynamics=dynamics, steps=4)
 
 
 def askew() -> Any:
@@ -125,35 +120,24 @@ def askew() -> Any:
         return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
 
     dynamics = sdhj.Dynamics(FIVE, velocity=velocity, bounds=lambda t: np.stack([0.5 + 0.1 * np.sin(t)]), pieces=4)
-    return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics)
+    return plane(sdhj.UnsafeSet((0, 1), zoo.near(1.9, 1.4, 0.4), name="post"), dynamics=dynamics)
 
 
 def turned() -> Any:
     """The adversary pushes along two directions that are no axes: no box, Lax-Friedrichs with modes."""
     dynamics = sdhj.Dynamics(FIVE, FIVE, [[0.1, 0.06], [-0.05, 0.1]], [1.0, 0.8])
-    return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics)
+    return plane(sdhj.UnsafeSet((0, 1), zoo.near(1.9, 1.4, 0.4), name="post"), dynamics=dynamics)
 
 
 def cart(ends: Any = "unsafe", **given: Any) -> Any:
-    """A double integrator: position and speed, pushed at by an adversary that the brakes are stronger than."""
-
-    def drift(q: Any, u: Any) -> Any:
-        return np.stack([q[:, 1], np.full(len(q), u[0])], axis=1)
-
-    usual: dict[str, Any] = {
-        "grid": sdhj.Grid([-1, -2], [1, 2], [41, 41], ends=ends, names=["x", "v"]),
-        "dynamics": sdhj.Dynamics([[-3.0], [0.0], [3.0]], drift, [[0.0], [1.0]], [0.5]),
-        "target": None,
-        "unsafe": [],
-        "delta": 0.1,
-        "steps": 5,
-    }
-    return sdhj.ReachAvoidProblem(**usual | given)
+    """The zoo's, pushed at by an adversary that the brakes are stronger than."""
+    grid = sdhj.Grid([-1, -2], [1, 2], [41, 41], ends=ends, names=["x", "v"])
+    return zoo.cart(gust=0.5, **{"grid": grid, "steps": 5} | given)
 
 
 def posts() -> list[Any]:
     """What the cart has to stay clear of: states that are a disk."""
-    return [sdhj.UnsafeSet((0, 1), disk(0.2, 0.5, 0.3), name="states")]
+    return [sdhj.UnsafeSet((0, 1), zoo.near(0.2, 0.5, 0.3), name="states")]
 
 
 def chased() -> Any:
@@ -173,7 +157,7 @@ def chased() -> Any:
             ends=["unsafe", ("unsafe", "wall"), "wall", "wall", "wall"],
         ),
         dynamics=sdhj.Dynamics([[-2.0], [0.0], [2.0]], drift, gain, [0.1, 0.1, 0.2, 0.2]),
-        target=sdhj.TargetSet((0, 1), disk(0.0, 0.0, 0.7)),
+        target=sdhj.TargetSet((0, 1), zoo.near(0.0, 0.0, 0.7)),
         unsafe=[sdhj.UnsafeSet((0, 1, 3, 4), apart, name="pursuer")],
         delta=0.2,
         steps=2,
@@ -197,7 +181,7 @@ def six() -> Any:
             [-1, -1, -np.pi, -1, -2, -np.pi], [1, 1, np.pi, 1, 2, np.pi], [6, 5, 6, 5, 5, 6], np.arange(6) % 3 == 2
         ),
         dynamics=sdhj.Dynamics([[-1.0, 2.0], [0.0, -2.0], [1.0, 0.0]], drift, gain, [0.1, 0.2]),
-        target=sdhj.TargetSet((0, 1), disk(0.0, 0.0, 0.6)),
+        target=sdhj.TargetSet((0, 1), zoo.near(0.0, 0.0, 0.6)),
         unsafe=[sdhj.UnsafeSet((0, 5), apart, name="gate")],
         delta=0.2,
         steps=2,
@@ -211,9 +195,9 @@ def robot() -> Any:
 
 def chained(method: Any, **given: Any) -> Any:
     """First into the tube of a table, then on by its inputs."""
-    first = sdhj.solve(toys.interval_problem(steps=4, rate=-0.1, ends="unsafe", **given), method, progress=False)
+    first = sdhj.solve(zoo.interval_problem(steps=4, rate=-0.1, ends="unsafe", **given), method, progress=False)
     target = sdhj.TargetSet.from_table(first, within=2)
-    return replace(toys.interval_problem(steps=3, rate=-0.1, ends="unsafe", **given), target=target)
+    return replace(zoo.interval_problem(steps=3, rate=-0.1, ends="unsafe", **given), target=target)
 
 
 SENSING = sdhj.Sensing(error=(0.02, 0.01), delay=0.1, jitter=0.02, memory=False)
@@ -242,18 +226,18 @@ CASES: dict[str, Case] = {
     "evader, projected": Case(evader, "projected"),
     "evader, certified": Case(evader, ARM_CELLS),
     # one and two axes
-    "line": Case(lambda: toys.interval_problem(rate=0.1, ends=[("wall", "unsafe")])),
-    "line, lax": Case(toys.interval_problem, sdhj.HopfLax("linear", "float64")),
-    "line, some time": Case(lambda: toys.interval_problem(steps=None), sdhj.Certified(cells=(80,))),
+    "line": Case(lambda: zoo.interval_problem(rate=0.1, ends=[("wall", "unsafe")])),
+    "line, lax": Case(zoo.interval_problem, sdhj.HopfLax("linear", "float64")),
+    "line, some time": Case(lambda: zoo.interval_problem(steps=None), sdhj.Certified(cells=(80,))),
     "line, from a table": Case(lambda: chained("lax"), "lax"),
     "line, certified from a certified table": Case(
         lambda: chained(sdhj.Certified(cells=(80,))), sdhj.Certified(cells=(80,))
     ),
-    "torus": Case(toys.torus_problem),
-    "torus, joint games, third order": Case(toys.torus_problem, Joint(EXACT)),
-    "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), stored=True),
-    "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", stored=True),
-    "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60))),
+    "torus": Case(zoo.torus_problem),
+    "torus, joint games, third order": Case(zoo.torus_problem, Joint(EXACT)),
+    "torus, in a store": Case(lambda: zoo.torus_problem(nodes=60, steps=2), stored=True),
+    "torus, in a store, lax": Case(lambda: zoo.torus_problem(nodes=40), "lax", stored=True),
+    "torus, certified": Case(zoo.torus_problem, sdhj.Certified(cells=(60, 60))),
     "plane, map and polygon": Case(mapped),
     "plane, map and polygon, lax": Case(mapped, "lax"),
     "plane, cells": Case(lambda: thin("cell")),
@@ -269,7 +253,7 @@ CASES: dict[str, Case] = {
     "plane, turned adversary, certified": Case(turned, sdhj.Certified(cells=(80, 60), parts=3)),
     "plane, askew": Case(askew),
     "plane, forbidden inputs": Case(
-        lambda: plane(sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.5), name="zone", inputs=[1, 3]))
+        lambda: plane(sdhj.UnsafeSet((0, 1), zoo.near(2.3, 1.45, 0.5), name="zone", inputs=[1, 3]))
     ),
     "plane, projected": Case(lambda: plane(*thin("nodes").unsafe[:2], target=across(), steps=2), "projected"),
     "plane, safe ends, lax": Case(
@@ -295,17 +279,17 @@ CASES: dict[str, Case] = {
         lambda: cart(["unsafe", "wall"], target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.5) - 0.2))
     ),
     # three axes and more
-    "car": Case(toys.unicycle_problem),
+    "car": Case(zoo.unicycle_problem),
     "car, sensing": Case(
         lambda: replace(
-            toys.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1, memory=False)
+            zoo.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1, memory=False)
         )
     ),
-    "car, third order": Case(lambda: toys.unicycle_problem(steps=2), sdhj.HJI(EXACT)),
+    "car, third order": Case(lambda: zoo.unicycle_problem(steps=2), sdhj.HJI(EXACT)),
     "car, projected": Case(
-        lambda: replace(toys.unicycle_problem(), target=across(0.0)), sdhj.Projected([(0, 1), (0, 2)])
+        lambda: replace(zoo.unicycle_problem(), target=across(0.0)), sdhj.Projected([(0, 1), (0, 2)])
     ),
-    "car, certified": Case(toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
+    "car, certified": Case(zoo.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3)),
     "six axes": Case(six),
     "chased, five axes": Case(chased),

@@ -6,10 +6,13 @@ Of each forgery something is false, or not what the file of such a table may say
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import zoo
 from forging import describe
 
 import sdhj
@@ -24,19 +27,14 @@ COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "p
 # ---- robots
 
 
-def line(*, push=0.2, posts=(-3.0, 3.0), wide=0.05, target=0.0, ends="unsafe", upper=4.0, steps=3, **given):
+def line(*, push=0.2, posts=(-3.0, 3.0), wide=0.05, target=0.0, ends="unsafe", upper=4.0, **given):
     """On a line, dx = u + v, past two posts of 0.1 m."""
-    levels = [[-1.0], [0.0], [1.0]]
-    sets = [sdhj.UnsafeSet((0,), lambda p, t, at=at: np.abs(p[:, 0] - at) - wide, name=f"post {at:g}") for at in posts]
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-4.0], [upper], [81], ends=ends),
-        sdhj.Dynamics(levels, levels, [[1.0]], [push]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - target) - 1.0),
-        given.pop("unsafe", sets),
-        0.5,
-        steps,
-        **given,
-    )
+    usual = {
+        "grid": sdhj.Grid([-4.0], [upper], [81], ends=ends),
+        "target": zoo.goal(target, 1.0),
+        "unsafe": [zoo.post(at, wide, name=f"post {at:g}") for at in posts],
+    }
+    return zoo.line(push=push, **usual | given)
 
 
 def two_in_one():
@@ -72,19 +70,11 @@ def calming():
 
 def ring(*, low=-3.0, high=3.0, push=0.2):
     """On a circle, where two sets written for plain numbers end at the seam; the last cell is a narrower one."""
-    levels = [[-1.0], [0.0], [1.0]]
     sets = [
         sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] - low, name="behind the seam"),
         sdhj.UnsafeSet((0,), lambda p, t: high - p[:, 0], name="before the seam"),
     ]
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-np.pi], [np.pi], [60], [True]),
-        sdhj.Dynamics(levels, levels, [[1.0]], [push]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
-        sets,
-        0.25,
-        3,
-    )
+    return zoo.line(push=push, grid=sdhj.Grid([-np.pi], [np.pi], [60], [True]), unsafe=sets, delta=0.25)
 
 
 def turning():
@@ -156,13 +146,12 @@ def rail():
 
 def growing(*, rate=24.0, delta=1.0, most=20.0, upper=40.0):
     """dx = 24 min(x, 20): from 1 it comes to 20 within 0.125 s, and to 440 within 1 s."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0], [upper], [int(upper) + 1]),
-        sdhj.Dynamics([[0.0]], lambda q, u: u + rate * np.minimum(q, most)),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 10.0) - 9.0),
-        [],
-        delta,
-        1,
+    return zoo.line(
+        grid=sdhj.Grid([0.0], [upper], [int(upper) + 1]),
+        dynamics=sdhj.Dynamics([[0.0]], lambda q, u: u + rate * np.minimum(q, most)),
+        target=zoo.goal(10.0, 9.0),
+        delta=delta,
+        steps=1,
     )
 
 
@@ -201,9 +190,8 @@ def blown(*, gain=0.2, bound=0.5):
 
 def pushed(*, share=1.0, **given):
     """dx = u - |v| share: the adversary enters as it likes."""
-    levels = [[-1.0], [0.0], [1.0]]
     velocity = lambda q, u, v: u + share * (0.5 * v - np.abs(v)) + 0.0 * q  # noqa: E731
-    return replace(line(**given), dynamics=sdhj.Dynamics(levels, velocity=velocity, bounds=[0.2]))
+    return line(dynamics=sdhj.Dynamics([[-1.0], [0.0], [1.0]], velocity=velocity, bounds=[0.2]), **given)
 
 
 def drone(*, push=(0.1, 0.1)):
@@ -213,13 +201,12 @@ def drone(*, push=(0.1, 0.1)):
 
 def sliding():
     """dx = v, dv = 0, for 1 s; a cell of places is wider by 5e-11 than what one of speeds lets pass."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-10.0, 0.0], [10.000000002, 2.0], [41, 5]),
-        sdhj.Dynamics([[0.0]], lambda q, u: np.stack([q[:, 1] + u[0], 0.0 * q[:, 1]], axis=1)),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 5.0),
-        [],
-        1.0,
-        1,
+    return zoo.cart(
+        grid=sdhj.Grid([-10.0, 0.0], [10.000000002, 2.0], [41, 5]),
+        dynamics=sdhj.Dynamics([[0.0]], lambda q, u: np.stack([q[:, 1] + u[0], 0.0 * q[:, 1]], axis=1)),
+        target=zoo.goal(0.0, 5.0),
+        delta=1.0,
+        steps=1,
     )
 
 
@@ -248,43 +235,35 @@ def pole():
 
 def surge():
     """dx = 9.9 t + u: by 0.792 in 0.4 s."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-3.0], [3.0], [31]),
-        sdhj.Dynamics([[0.0]], lambda q, u, t: u + 9.9 * t + 0.0 * q),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
-        [],
-        0.4,
-        1,
-    )
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u, t: u + 9.9 * t + 0.0 * q)
+    return zoo.line(grid=sdhj.Grid([-3.0], [3.0], [31]), dynamics=dynamics, delta=0.4, steps=1)
 
 
 def spread(*, steep=2.0, bounds=lambda q, u: np.stack([0.1 + 0.0 * u[0]]), **sensing):
     """dx = u + steep sin(x) + v, measured with an error and late: what is not known grows with itself."""
-    levels = [[0.0], [1.0]]
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0], [2.0], [41]),
-        sdhj.Dynamics(levels, lambda q, u: u + steep * np.sin(q), [[1.0]], bounds),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.9),
-        [],
-        0.2,
-        2,
+    return zoo.line(
+        grid=sdhj.Grid([-2.0], [2.0], [41]),
+        dynamics=sdhj.Dynamics([[0.0], [1.0]], lambda q, u: u + steep * np.sin(q), [[1.0]], bounds),
+        target=zoo.goal(0.0, 1.9),
+        delta=0.2,
+        steps=2,
         sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing), memory=False),
     )
 
 
 def stream(*, ends="safe", speed=3.0, push=0.0, rock=(0.5, 0.5, 0.15), pace=0.0, ways=(-1, 1)):
     """A stream to the right, some cells a step, past a rock: who leaves with it, or to the left, is out of danger."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=[ends, "wall"]),
-        sdhj.Dynamics([[way] for way in ways], [[way * speed, 0.0] for way in ways], np.eye(2), [push, push]),
-        None,
-        [
-            sdhj.UnsafeSet(
-                (0, 1), lambda p, t: np.hypot(p[:, 0] - rock[0] - pace * t, p[:, 1] - rock[1]) - rock[2], name="rock"
-            )
+    x, y, radius = rock
+    return zoo.plane(
+        grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=[ends, "wall"]),
+        dynamics=sdhj.Dynamics(
+            np.reshape(ways, (-1, 1)), [[way * speed, 0.0] for way in ways], np.eye(2), [push, push]
+        ),
+        target=None,
+        unsafe=[
+            sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - x - pace * t, p[:, 1] - y) - radius, name="rock")
         ],
-        0.1,
-        3,
+        delta=0.1,
     )
 
 
@@ -303,10 +282,10 @@ AWAY = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.
 def plane(radius=0.3, **dynamics):
     """A robot in the plane, beside which a disk passes."""
     post = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 1.2 + 0.4 * t) - radius, name="post")
-    inputs = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+    inputs = zoo.STEPS[1:]
     given = {"drift": np.array(inputs), "gain": np.eye(2), "bounds": [0.1, 0.1]} | dynamics
     grid = sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21])
-    return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, **given), AWAY, [post], 0.25, 3)
+    return zoo.plane(grid=grid, dynamics=sdhj.Dynamics(inputs, **given), unsafe=[post], delta=0.25)
 
 
 def pursued(*, height=-0.5, forbids=None, end="unsafe"):
@@ -434,6 +413,13 @@ def save(name: str, path: Path) -> Path:
     """The file of a robot's table."""
     solved(name).save(path)
     return path
+
+
+@cache
+def file_of(name: str) -> bytes:
+    """The bytes of a robot's file, made once."""
+    with TemporaryDirectory() as folder:
+        return save(name, Path(folder) / "table.npz").read_bytes()
 
 
 # ---- changing what stands in a file
@@ -700,7 +686,9 @@ FORGERIES: dict[str, Forgery] = {
     "a layer at an upper end that is no wall": Forgery(
         "standing", COVER, both_ends, becomes=lambda: standing(ends=("wall", "unsafe"))
     ),
-    "a layer where an axis closes": Forgery("standing", COVER, becomes=lambda: standing(periodic=True)),
+    "a layer where an axis closes": Forgery(
+        "standing", "cells must close where the axes do", becomes=lambda: standing(periodic=True)
+    ),
     "a layer of cells that move alike": Forgery("standing", COVER, lambda told, arrays: no_place(told, arrays)),
     "coasting that stays on the layer": Forgery(
         "standing", MOVES, both(shifts("low", -1, j=1, axis=1), shifts("high", -1, j=1, axis=1))
@@ -825,7 +813,7 @@ FORGERIES: dict[str, Forgery] = {
         beside=hidden,
     ),
     "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=1e6)),
-    "nobody's black box": Forgery("hidden", "black boxes, whose functions are not in the file"),
+    "nobody's black box": Forgery("hidden", "must have the black box of the file"),
     "the black box of another": Forgery("hidden", "must have the black box", beside=line),
     "a black box of which nothing is stated": Forgery(
         "hidden", "must have an enclosure", beside=lambda: hidden(slope=None)
@@ -835,9 +823,9 @@ FORGERIES: dict[str, Forgery] = {
         "tide", "low must be kept in the file", lambda told, arrays: put(arrays, low=arrays["low"][()][:1])
     ),
     "sets for all times": Forgery(
-        "crossed", "arrays must be of the problem", lambda told, arrays: for_all_times(told, arrays)
+        "crossed", "there must be sets for each step", lambda told, arrays: for_all_times(told, arrays)
     ),
-    "moves that end before they begin": Forgery("line", "arrays must be of the problem", shifts("low", 9)),
+    "moves that end before they begin": Forgery("line", "must lead to some cell", shifts("low", 9)),
     "a clock that is off, and a tide": Forgery(
         "tide", "with jitter the velocity must not", head(lambda told: told.update(sensing={"jitter": 0.05}))
     ),
@@ -919,7 +907,7 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "results": (lambda told: lines(told, "drift").__setitem__(-1, "return 0"), "drift must have 8 results"),
     "two results": (lambda told: lines(told, "target").__setitem__(-1, "return 0 0"), "target must have one result"),
     "coordinates": (lambda told: told["formulas"]["functions"]["gain"].update(coordinates=3), "gain must have 2 coord"),
-    "both": (lambda told: told["formulas"].update(opaque={"drift": ""}), "black boxes, whose functions are not"),
+    "both": (lambda told: told["formulas"].update(opaque={"drift": ""}), "a function is a formula or a black box"),
     "axes": (lambda told: told["sets"][1].update(axes=[0, 2]), "axes of a set"),
     "axes twice": (lambda told: told["sets"][1].update(axes=[0, 0]), "axes of a set"),
     "kinds": (lambda told: told["sets"].reverse(), "sets must be a target, if there is one, and unsafe sets"),
@@ -938,7 +926,10 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "parts": (lambda told: told["proof"].update(parts=0), "parts must be a number"),
     "one cell": (lambda told: told["cells"].update(shape=[1, 30]), "shape must be numbers"),
     "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "cells must be stated as fractions"),
-    "axes of a place": (lambda told: told["proof"].update(own=[True, True, False]), "the problem has 2 axes"),
+    "axes of a place": (
+        lambda told: told["proof"].update(own=[True, True, False]),
+        "axes of a place must be a list of 2",
+    ),
     "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "unsure must be 2 numbers"),
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure must be a number"),
 }
@@ -983,3 +974,235 @@ def says(text: Any) -> Callable[[Told], Any]:
 
 
 FORGERIES |= {f"text: {name}": Forgery("windy", said, head(says(text))) for name, (text, said) in TEXTS.items()}
+
+
+# ---- forgeries that a reading of the checker brought
+
+
+def drifting():
+    """A robot whose target alone moves, so that no unsafe set nor velocity tells of a time."""
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.4 * t) - 1.0)
+    return replace(line(), target=target)
+
+
+def carried():
+    """A place between walls, carried on by a current that depends on a second coordinate, which stays as it is."""
+    grid = sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=["wall", "unsafe"])
+    inputs = [[-1.0], [1.0]]
+    drift = lambda q, u: np.stack([u[0] + 0.5 * np.sin(q[:, 1]), 0.0 * q[:, 1]], axis=1)  # noqa: E731
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5)
+    return zoo.plane(grid=grid, dynamics=sdhj.Dynamics(inputs, drift), target=target, delta=0.2, steps=2)
+
+
+def lane():
+    """A stream from which the first input leads out to the left, and meanwhile beside what is above."""
+    above = sdhj.UnsafeSet((1,), lambda p, t: 0.8 - p[:, 0], name="above")
+    problem = stream()
+    dynamics = sdhj.Dynamics([[-1.0], [1.0]], [[-3.0, 1.5], [3.0, 0.0]], np.eye(2), [0.0, 0.0])
+    return replace(problem, dynamics=dynamics, unsafe=[above])
+
+
+ROBOTS |= {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1), "lane": (lane, (10, 10), 2)}
+
+
+def whole(name, values):
+    """A field of the proof, of the cells or of the grid is other than it is."""
+    of, field = name.split(" ")
+    return head(lambda told: told[of].__setitem__(field, values))
+
+
+def of_a_set(number, **fields):
+    return head(lambda told: told["sets"][number].update(fields))
+
+
+def empty_images(told, arrays):
+    """Beside a layer: from the first cell past the last."""
+    edit("low", lambda moves: moves[..., 1].fill(3))(told, arrays)
+    edit("high", lambda moves: moves[..., 1].fill(-3))(told, arrays)
+
+
+def fewer_rows(told, arrays):
+    index = arrays["index"][()][:-1]
+    put(arrays, index=index, pool=arrays["pool"][()][: index.max() + 1])
+
+
+def arrives_everywhere(step):
+    return edit("arrives", lambda marks: marks[step].fill(255))
+
+
+def two_targets(told, arrays):
+    told["sets"].insert(1, dict(told["sets"][0]))
+
+
+def alike(told, arrays):
+    """The sets of step 0, for all steps, though the target moves on."""
+    index = arrays["index"][()][:4]
+    put(arrays, index=index, pool=arrays["pool"][()][: index.max() + 1])
+
+
+def places_on_one_axis(told, arrays):
+    told["proof"]["own"] = [False, True]
+    for name in ("low", "high"):
+        moves = arrays[name][()]
+        middle = moves.reshape(1, 2, 20, -1, 2)[:, :, 10]
+        put(arrays, **{name: middle})
+
+
+def on_axes(*each):
+    """What is clear is told of cells of fewer axes: what it was of the first cells on the others."""
+
+    def forge(told, arrays):
+        every, cells = first_clear(told, arrays["clear"][()]), told["cells"]["shape"]
+        every, out = every.reshape(len(every), *cells, -1), []
+        for axes, some, _ in each:
+            few = tuple(slice(None) if k in axes else slice(1) for k in range(len(cells)))
+            out.append(every[slice(None if some else 1), *few].ravel())
+        put(arrays, clear=np.concatenate(out))
+        told["proof"]["clear"] = [dict(zip(("axes", "sets", "ends"), one, strict=True)) for one in each]
+
+    return both(nothing_in_sets, forge)
+
+
+def of_clear(**entry):
+    """What is clear is of other axes, sets or ends."""
+    return head(lambda told: told["proof"]["clear"][0].update(entry))
+
+
+def first_cell_leaves(told, arrays):
+    """From the first cell of a line an input leads out: as if that were the target."""
+    sets(lambda found: found[1:, 0].fill(True))(told, arrays)
+
+
+def before_the_seam():
+    """The ring, whose target ends at the seam: an image that begins before it ends elsewhere."""
+    return replace(ring(), target=sdhj.TargetSet((0,), lambda p, t: 2.0 - p[:, 0]))
+
+
+WAY_OUT = "safe ends must be of a robot without target and sensing"
+DEPENDS, EVERY = "tubes must depend on no other axes", "inputs must be clear of every unsafe set"
+
+
+def no_layers(told, arrays):
+    del told["cells"]["layers"]
+
+
+FORGERIES |= {
+    "own as numbers": Forgery("growing", "axes of a place must be true or false", whole("proof own", [1])),
+    "own as a fraction": Forgery("growing", "axes of a place must be true or false", whole("proof own", [0.5])),
+    "own as text": Forgery("growing", "axes of a place must be true or false", whole("proof own", ["false"])),
+    "an empty image beside a layer": Forgery("standing", "must lead to some cell", empty_images),
+    "an entry less": Forgery("crossed", "there must be sets for each step", fewer_rows),
+    "sets of a step that is none": Forgery("cart", "there must be sets for each step", fewer_rows),
+    "sets alike while the target moves": Forgery("drifting", "there must be sets for each step", alike),
+    "arrivals of a tide": Forgery("tide", ARRIVE, arrives_everywhere(1)),
+    "arrivals of a target that moves": Forgery("drifting", ARRIVE, arrives_everywhere(2)),
+    "a wall on the way of an axis of no place": Forgery("carried", COVER, places_on_one_axis),
+    "an end called Wall": Forgery("line", "ends must be of safe, unsafe", whole("grid ends", [["Wall", "unsafe"]])),
+    "an end without a name": Forgery(
+        "line", "ends must be of safe, unsafe, wall", whole("grid ends", [[None, "unsafe"]])
+    ),
+    "an axis on which rounding is no share": Forgery(
+        "line", "upper ends must be 1e-120 above", head(lambda told: told["grid"].update(lower=[0.0], upper=[1e-323]))
+    ),
+    "a grid of one node": Forgery("line", "shape must be numbers of nodes", whole("grid shape", [1])),
+    "an obstacle": Forgery("line", "sets must be a target", of_a_set(1, kind="obstacle")),
+    "an Unsafe set": Forgery("line", "sets must be a target", of_a_set(2, kind="Unsafe")),
+    "a second target": Forgery("line", "sets must be a target", two_targets),
+    "no input of a set": Forgery("forbidden", "inputs of an unsafe set must be", of_a_set(1, inputs=[])),
+    "inputs of a target": Forgery("line", "inputs of an unsafe set must be", of_a_set(0, inputs=[0])),
+    "no inputs": Forgery("line", "there must be 1 to", head(lambda told: told.update(inputs=[]))),
+    "inputs of several sizes": Forgery(
+        "line", "an input must be 1 numbers", head(lambda told: told.update(inputs=[[0.0], [0.0, 1.0], [1.0]]))
+    ),
+    "truth values that are numbers": Forgery(
+        "line",
+        "must be given truth values",
+        head(
+            lambda told: told["formulas"]["functions"]["unsafe 0"].update(
+                lines=["x 0", "const 0x1.0p+0", "where 0 1 0", "return 2"]
+            )
+        ),
+    ),
+    "a negative delta": Forgery("line", "delta must be a number", head(lambda told: told.update(delta=-0.5))),
+    "a delta that is true": Forgery("line", "delta must be a number", head(lambda told: told.update(delta=True))),
+    "no parts": Forgery("line", "parts must be a number", whole("proof parts", 0)),
+    "parts below zero": Forgery("line", "parts must be a number", whole("proof parts", -1)),
+    "so many pieces": Forgery("line", "the proof must have no unknown field", whole("proof pieces", 10**9)),
+    "lines": Forgery("line", "the proof must have no unknown field", whole("proof normals", [[1.0]])),
+    "two layers": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [2, 1]])),
+    "less than no layer": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [-1, 1]])),
+    "layers that are true": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [True, 1]])),
+    "a layer where an axis closes, said so": Forgery(
+        "standing", COVER, whole("cells periodic", [False, True]), becomes=lambda: standing(periodic=True)
+    ),
+    "the second of two posts in one": Forgery("two posts in one", CLEAR, clears(1, 69)),
+    "layers that are cells": Forgery("standing", COVER, no_layers),
+    "unsure of what is measured exactly": Forgery("line", "without a delay are off by", whole("proof unsure", [0.1])),
+    "unsure of more than errors": Forgery("calming", "without a delay are off by", whole("proof unsure", [0.2])),
+    "unsure of less than errors": Forgery("remembered", "predictions are off by", whole("proof unsure", [0.05])),
+    "a field of the grid": Forgery("line", "grid must have no unknown field", whole("grid offset", [0.0])),
+    "a field of the cells": Forgery("line", "cells must have no unknown field", whole("cells first", [0])),
+    "a field of sensing": Forgery(
+        "line", "sensing must have no unknown field", head(lambda told: told.update(sensing={"bias": 0.1}))
+    ),
+    "a field of a set": Forgery("line", "a set must have no unknown field", of_a_set(1, until=1.0)),
+    "cells of an arm": Forgery("line", "cells must be those of a robot", whole("cells kind", "arms")),
+    "cells that close": Forgery("line", "cells must close where the axes do", whole("cells periodic", [True])),
+    "a name that is none": Forgery("line", "a name must be text", of_a_set(1, name=7)),
+    "two velocities": Forgery(
+        "line",
+        "functions must be of velocities",
+        head(lambda told: told["formulas"]["functions"].update(velocity=told["formulas"]["functions"]["drift"])),
+    ),
+    "sets for ever that are not": Forgery(
+        "cart", "sets that hold for ever must be one", head(lambda told: told["details"].update(endless=True))
+    ),
+    "endless in words": Forgery(
+        "cart", "endless must be true", head(lambda told: told["details"].update(endless="no"))
+    ),
+    "steps that are true": Forgery("line", "steps must be a number", head(lambda told: told.update(steps=True))),
+    "an axis of a set that is true": Forgery("plane", "axes of a set", of_a_set(1, axes=[False, True])),
+    "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
+    "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
+    "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
+    "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
+    "a set less": Forgery("line", EVERY, of_clear(sets=[1])),
+    "an end less": Forgery("line", EVERY, of_clear(ends=[])),
+    "an end of another axis": Forgery("line", "ends that inputs are clear of must be", of_clear(ends=[1])),
+    "a set that is none": Forgery("line", "sets that inputs are clear of must be", of_clear(sets=[0, 1, 2])),
+    "an axis twice": Forgery("line", "axes that clear inputs depend on must be", of_clear(axes=[0, 0])),
+    "axes that are true": Forgery("cart", "axes that clear inputs depend on must be", of_clear(axes=[False, True])),
+    "steps of clear inputs": Forgery("line", "what is clear must have no unknown field", of_clear(starts=1)),
+    "clear inputs by name": Forgery("line", "clear must be a list", whole("proof clear", {"axes": [0]})),
+    "fewer clear inputs": Forgery(
+        "line", "clear must be kept", lambda told, arrays: put(arrays, clear=arrays["clear"][()][:-1])
+    ),
+    "more clear inputs": Forgery(
+        "line", "clear must be kept", lambda told, arrays: put(arrays, clear=np.tile(arrays["clear"][()], 2))
+    ),
+    "a way out with a target": Forgery(
+        "line", WAY_OUT, both(whole("grid ends", [["safe", "safe"]]), clears(0, 0), first_cell_leaves)
+    ),
+    "a way out that is measured": Forgery("stream", WAY_OUT, head(lambda told: told.update(sensing={"error": 0.01}))),
+    "inputs that begin before the last": Forgery(
+        "line", "delay + 2 jitter", head(lambda told: told.update(sensing={"delay": 0.3, "jitter": 0.2}))
+    ),
+    "an arrival whose first half is in the target": Forgery("ring", ARRIVE, arrives(2, 119), becomes=before_the_seam),
+    "cells beyond the last": Forgery(
+        "line", "no cells that there are not", edit("pool", lambda pool: pool.fill(2**64 - 1))
+    ),
+}
+
+
+def only_from_step_1(told, arrays):
+    """No set of step 0 has a cell, and those of step 1 are the first of which something is promised."""
+    sets(lambda found: found[: told["steps"] + 1].fill(False))(told, arrays)
+
+
+PROMISED = {  # of cells of which something is promised, so that whoever verifies by default is told
+    "a stronger push once step 0 is over": Forgery(
+        "crossed", MOVES, only_from_step_1, becomes=lambda: crossed(push=0.3)
+    ),
+    "a post where two steps are to go": Forgery("line", CLEAR, becomes=lambda: line(posts=(-2.1, 3.0))),
+}
+FORGERIES |= PROMISED

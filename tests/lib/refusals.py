@@ -12,8 +12,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
+import zoo
 from click.testing import CliRunner
-from toys import interval_problem, unicycle_problem
+from zoo import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj import BlackBox, Certified, Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
@@ -655,7 +656,7 @@ def braking(cells):
     """A cart that has to stay before a wall at 1.8 m, for ever."""
     moves = Dynamics(MOVES, lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1))
     before = UnsafeSet((0,), lambda p, t: 1.8 - p[:, 0], name="wall")
-    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-2, -1.5], [2, 1.5], [41, 31]), moves, None, [before], 0.2, None)
+    problem = zoo.cart(grid=Grid([-2, -1.5], [2, 1.5], [41, 31]), dynamics=moves, unsafe=[before], delta=0.2)
     return solved(problem, Certified(cells=(cells, cells)))
 
 
@@ -793,13 +794,11 @@ def solve_robot(folder, *options):
 
 def run(velocity, *, periodic=False, upper=4.0):
     """x on a line or a ring, a goal near its end, and one input that stands still beside one that moves."""
-    return sdhj.ReachAvoidProblem(
-        Grid([0.0], [upper], [41], [periodic], ["x"]),
-        Dynamics([[0.0], [1.0]], velocity, [[1.0]], [0.1]),
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0] - upper + 0.5) - 0.3),
-        [],
-        0.25,
-        3,
+    return zoo.line(
+        grid=Grid([0.0], [upper], [41], [periodic], ["x"]),
+        dynamics=Dynamics([[0.0], [1.0]], velocity, [[1.0]], [0.1]),
+        target=zoo.goal(upper - 0.5, 0.3),
+        delta=0.25,
     )
 
 

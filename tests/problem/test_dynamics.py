@@ -10,11 +10,11 @@ import judge
 import naive_projections as naive
 import numpy as np
 import pytest
-import toys
+import zoo
 from parameters import but_slow
 
 import sdhj
-from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import BlackBox, Dynamics, Grid, TargetSet, UnsafeSet
 from sdhj.problem.arguments import arguments
 from sdhj.problem.interval import Interval
 from sdhj.problem.samples import Samples
@@ -28,9 +28,9 @@ def near_zero(p, t):
     return np.abs(p[:, 0]) - 0.5
 
 
-def problem_of(dynamics, grid=None, *, delta=0.3, steps=3, unsafe=()):
+def problem_of(dynamics, grid=None, **changed):
     grid = grid or Grid([-2.0, -2.0], [2.0, 2.0], [9, 9])
-    return ReachAvoidProblem(grid, dynamics, TargetSet((0,), near_zero), unsafe, delta, steps)
+    return zoo.plane(grid=grid, dynamics=dynamics, target=TargetSet((0,), near_zero), **changed)
 
 
 def tidal(**changes):
@@ -121,26 +121,26 @@ def test_functions_say_what_they_take(name, function, takes):
     ("name", "function", "said"),
     [
         ("drift", lambda: 0.0, r"got \(\)"),
-        ("drift", lambda a, b, c, d: a, r"got \(a, b, c, d\)"),
+        ("drift", lambda a, b, c, d: a, r"got \(a, b, c"),
         (
             "drift",
             lambda q, w, s: q,
-            r"of the state first and then of u, t, or .* names that are known, got \(q, w, s\)",
+            r"known, got \(q, w",
         ),
         ("drift", lambda points, *, t=0.0: points, r"never gets t"),
         ("drift", lambda points, u, v: u, r"got \(points, u, v\)"),
         ("drift", lambda *args: args[0], r"got \(\*args\)"),
         ("drift", lambda points, *, wind: points, r"got \(points, \*, wind\)"),
         ("drift", lambda points, scale=2.0, t=0.0: points, r"got \(points, scale=2.0, t=0.0\)"),
-        ("drift", max, "does not say what it takes: wrap it in a lambda"),
-        ("gain", lambda a, b, c, d: a, "gain must be a function of the state first and then of u, t, or of some"),
+        ("drift", max, "what it takes: wrap"),
+        ("gain", lambda a, b, c, d: a, "state first and then"),
         (
             "bounds",
             lambda time: [time],
-            r"bounds must be a function of the state .* names that are known, got \(time\)",
+            r"are known, got \(time\)",
         ),
         ("bounds", lambda points, time: [time], r"got \(points, time\)"),
-        ("velocity", lambda q, u, w: q, r"and then of u, v, t, or of some of these; .*, got \(q, u, w\)"),
+        ("velocity", lambda q, u, w: q, r"got \(q, u, w\)"),
     ],
 )
 def test_what_takes_something_else_is_refused(name, function, said):
@@ -170,7 +170,7 @@ def test_functions_are_called_with_what_they_name():
     assert dynamics.gain_at(np.zeros((3, 2)), 0, 0.25).tolist() == [[[0.25], [1.0]]] * 3
     assert dynamics.bounds_at(0, 9.0).tolist() == [0.375] and dynamics.bounds_at(1).tolist() == [0.5]
     assert len(calls) == made
-    with pytest.raises(ValueError, match=r"1 more, numbers.* got .*\[3.0\]. problem.dynamics.drift_at\(points, j, t\)"):
+    with pytest.raises(ValueError, match=r"\[3.0\]. problem.dynamics.drift_at\(points, j, t\)"):
         dynamics.drift(points, [3.0])
 
 
@@ -181,21 +181,21 @@ def test_functions_are_called_with_what_they_name():
     ("change", "said"),
     [
         ({"inputs": [[np.nan]]}, "inputs has a NaN"),
-        ({"inputs": [1.0]}, r"inputs must have shape \(L, m\), .* got \(1,\); of one number each: \[\[1\]\]"),
-        ({"inputs": np.zeros((0, 1))}, r"a row for each input, got \(0, 1\)$"),
-        ({"inputs": [["fast"]]}, "inputs must be real numbers"),
-        ({"inputs": np.zeros((65_537, 1)), "drift": np.zeros((65_537, 1))}, "65537 inputs; at most 65536"),
-        ({"drift": [[np.inf]]}, "drift has a NaN or an infinity"),
-        ({"gain": [["a"]]}, "gain must be real numbers"),
-        ({"bounds": [-0.1]}, r"bounds must be a row of half-widths >= 0, got \[-0.1\]"),
-        ({"bounds": [[0.1]]}, "bounds must be a row of half-widths"),
-        ({"bounds": [0.1j]}, "bounds must be real numbers.*complex"),
+        ({"inputs": [1.0]}, r"have shape \(L, m\)"),
+        ({"inputs": np.zeros((0, 1))}, r"input, got \(0, 1\)$"),
+        ({"inputs": [["fast"]]}, "must be real numbers"),
+        ({"inputs": np.zeros((65_537, 1)), "drift": np.zeros((65_537, 1))}, "65537 inputs; at most"),
+        ({"drift": [[np.inf]]}, "NaN or an infinity"),
+        ({"gain": [["a"]]}, "must be real numbers"),
+        ({"bounds": [-0.1]}, r">= 0, got \[-0.1\]"),
+        ({"bounds": [[0.1]]}, "a row of half-widths"),
+        ({"bounds": [0.1j]}, "must be real numbers"),
         ({"bounds": [np.nan]}, "bounds has a NaN"),
-        ({"velocity": lambda q, u, v: q}, "give drift, with gain and bounds, or velocity, with bounds"),
-        ({"velocity": lambda q, u, v: q, "drift": None}, "give drift, with gain and bounds, or velocity, with bounds"),
+        ({"velocity": lambda q, u, v: q}, "give drift, with gain"),
+        ({"velocity": lambda q, u, v: q, "drift": None}, "give drift, with gain"),
         (
             {"velocity": [[1.0]], "drift": None, "gain": None},
-            r"velocity must be a function of \(points, u, v, t\), got \[\[1.0\]\]",
+            r"v, t\), got \[\[1.0\]\]",
         ),
     ],
 )
@@ -207,10 +207,10 @@ def test_dynamics_refuse(change, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"drift": [[1.0, 2.0]]}, r"drift must have shape \(1, 1\), got \(1, 2\)"),
-        ({"gain": [[1.0], [2.0]]}, r"gain must have shape \(1, 1\), for 1 bounds, got \(2, 1\)"),
-        ({"gain": [[1.0, 2.0]]}, r"gain must have shape \(1, 1\), for 1 bounds, got \(1, 2\)"),
-        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "gain must have shape .*, for 1 bounds, got"),
+        ({"drift": [[1.0, 2.0]]}, r"\(1, 1\), got \(1"),
+        ({"gain": [[1.0], [2.0]]}, r"1 bounds, got \(2"),
+        ({"gain": [[1.0, 2.0]]}, r"1 bounds, got \(1"),
+        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "for 1 bounds, got"),
     ],
 )
 def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
@@ -224,17 +224,17 @@ def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"drift": lambda p: p[:, :1]}, r"drift must return shape \(M, 2\), got \(M, 1\)"),
-        ({"drift": lambda q, u: [1.0]}, r"drift under input 0 must return shape \(M, 2\), got \(1,\)"),
-        ({"gain": lambda p: p}, r"gain must return shape \(M, 2, 1\), got \(M, 2\)"),
-        ({"gain": lambda q, t: [t]}, r"gain must return shape \(M, 2, 1\), got \(1,\)"),
-        ({"bounds": lambda t: 0.1}, r"bounds must return the half-widths .* of v, shape \(D,\), got \(\)"),
-        ({"bounds": lambda q, t: q[:, 0]}, r"bounds must return the half-widths .* shape \(M, D\), got \(M,\)"),
+        ({"drift": lambda p: p[:, :1]}, r"2\), got \(M, 1\)"),
+        ({"drift": lambda q, u: [1.0]}, r"\(M, 2\), got \(1,\)"),
+        ({"gain": lambda p: p}, r"shape \(M, 2, 1\)"),
+        ({"gain": lambda q, t: [t]}, r"2, 1\), got \(1,\)"),
+        ({"bounds": lambda t: 0.1}, r"v, shape \(D,\), got"),
+        ({"bounds": lambda q, t: q[:, 0]}, r"shape \(M, D\), got"),
         ({"bounds": lambda t: ["a"]}, "bounds"),
-        ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, "a list times a whole number"),
-        ({"drift": lambda p, u, t: p if t < 1 else -p}, "test_dynamics.py, line .*: a decision .*np.where.*BlackBox"),
-        ({"drift": lambda p, t: p * math.sin(t)}, "drift cannot be read .*test_dynamics.py, line .*math.*BlackBox"),
-        ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "bounds cannot be a BlackBox"),
+        ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, "times a whole number"),
+        ({"drift": lambda p, u, t: p if t < 1 else -p}, "test_dynamics.py, line"),
+        ({"drift": lambda p, t: p * math.sin(t)}, "drift cannot be read"),
+        ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "cannot be a BlackBox"),
     ],
 )
 def test_answers_that_do_not_fit_are_refused_when_they_are_read(change, said):
@@ -248,14 +248,14 @@ def test_answers_that_do_not_fit_are_refused_when_they_are_read(change, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"drift": lambda p: p * np.nan}, r"drift is undefined or infinite \(nan\) at \[1.0, 1.0\], t = 2.5"),
-        ({"drift": lambda p: np.log(p - 1)}, "drift is undefined or infinite"),
-        ({"bounds": lambda t: [2.0 - t]}, r"half-widths >= 0, got \[-0.5\] at t = 2.5"),
+        ({"drift": lambda p: p * np.nan}, r"\(nan\) at \[1.0, 1.0\]"),
+        ({"drift": lambda p: np.log(p - 1)}, "is undefined or infinite"),
+        ({"bounds": lambda t: [2.0 - t]}, r">= 0, got \[-0.5\]"),
         ({"bounds": lambda t: [np.sqrt(2.0 - t)]}, "bounds is undefined"),
         ({"bounds": lambda t: [np.nan]}, "bounds is undefined"),
-        ({"drift": BlackBox(lambda q, u, t: q * np.nan)}, r"drift must return finite numbers of shape \(4, 2\), got"),
-        ({"drift": BlackBox(lambda q, u: q[:, 0])}, r"drift must return finite numbers of shape \(4, 2\), got"),
-        ({"gain": BlackBox(lambda q, u, t: q[:2])}, r"gain must return finite numbers of shape \(4, 2, 1\), got"),
+        ({"drift": BlackBox(lambda q, u, t: q * np.nan)}, r"shape \(4, 2\), got"),
+        ({"drift": BlackBox(lambda q, u: q[:, 0])}, r"shape \(4, 2\), got"),
+        ({"gain": BlackBox(lambda q, u, t: q[:2])}, r"shape \(4, 2, 1\)"),
     ],
 )
 def test_values_that_are_none_are_refused_when_they_come(change, said):
@@ -365,7 +365,7 @@ def test_what_only_later_intervals_read_counts_for_the_avoid_game():
 
 
 def test_constant_velocities_reach_boxes_in_closed_form():
-    problem = toys.torus_problem(nodes=8)
+    problem = zoo.torus_problem(nodes=8)
     interval, u = problem.interval(0), problem.inputs
     low, high = interval.displacement_boxes(0.05, 0.2)
     np.testing.assert_allclose(low, 0.15 * (u - 0.4), rtol=0, atol=ROUNDING)
@@ -475,8 +475,7 @@ def test_constant_velocities_move_on_lines_and_stop_at_walls():
 def growth_problem():
     """dq = u q + v q: drift and gain depend on the state; q(t) = q(0) exp((u + v) t)."""
     dynamics = Dynamics([[-1.0], [1.0]], lambda p, u: u[0] * p, lambda p: p[:, :, None], [0.5])
-    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.2)
-    return ReachAvoidProblem(Grid([0.1], [9.0], [33]), dynamics, target, (), 0.1, 2)
+    return zoo.line(grid=Grid([0.1], [9.0], [33]), dynamics=dynamics, target=zoo.goal(1.0, 0.2), delta=0.1)
 
 
 def season_problem():
@@ -487,8 +486,7 @@ def season_problem():
         lambda p, t: p[:, :, None] * (1 + t),
         lambda t: [0.5 + t],
     )
-    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.2)
-    return ReachAvoidProblem(Grid([0.1], [40.1], [401]), dynamics, target, (), 0.1, 2)
+    return zoo.line(grid=Grid([0.1], [40.1], [401]), dynamics=dynamics, target=zoo.goal(1.0, 0.2), delta=0.1)
 
 
 @pytest.mark.parametrize(
@@ -513,7 +511,7 @@ def test_curved_paths_are_integrated_to_fourth_order(make, t0, exact):
 
 def test_a_car_turns_on_a_circle():
     """x = x0 + (sin(th0 + 2 t) - sin th0) / 2 + v1 t, and so on; 20 steps of 0.01 s are good to 1e-9."""
-    interval = toys.unicycle_problem().interval(0)
+    interval = zoo.unicycle_problem().interval(0)
     start, v, t = np.array([[-0.3, 0.2, 0.4]]), np.array([[0.1, -0.05]]), 0.2
     turned = 0.4 + 2 * t
     east, north = (np.sin(turned) - np.sin(0.4)) / 2, (np.cos(0.4) - np.cos(turned)) / 2
@@ -524,7 +522,7 @@ def test_a_car_turns_on_a_circle():
 
 
 def test_each_run_moves_under_its_own_input():
-    interval = toys.unicycle_problem().interval(0)
+    interval = zoo.unicycle_problem().interval(0)
     states = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 1.0]])
     inputs = np.array([2, 0, 1])
     together = interval.advance(states, inputs, np.zeros((3, 2)), 0.0, 0.1)
@@ -565,10 +563,10 @@ def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
 
 def supremum(field, p, index):
     """H of a velocity set at one node."""
-    if toys.ends_of(field)[0].ndim == 1:
-        lower, upper = toys.ends_of(field)
+    if zoo.ends_of(field)[0].ndim == 1:
+        lower, upper = zoo.ends_of(field)
     else:
-        lower, upper = (end[(..., *index)] for end in toys.ends_of(field))
+        lower, upper = (end[(..., *index)] for end in zoo.ends_of(field))
     if not field.coupled:
         return np.maximum(lower * p, upper * p).sum()
     drift, gain = (part[(..., *index)] if part.ndim > 3 else part for part in (field.drift, field.gain))
@@ -622,14 +620,14 @@ def test_velocity_sets_without_the_state_are_numbers():
         bound = 0.1 + 0.3 * abs(u) + 0.2 * t
         field, still = interval.velocities(j, (0, 1), t), interval.velocities(j, (0, 1), t, drift=False)
         drift, spread = np.array([u + math.sin(3 * t), math.cos(2 * t)]), bound * np.array([1 + u**2 / 4, 0.5])
-        assert field.coupled and toys.ends_of(field)[0].shape == (2,)  # one v moves both axes
-        np.testing.assert_allclose(toys.ends_of(field), [drift - spread, drift + spread], rtol=0, atol=ROUNDING)
-        np.testing.assert_allclose(toys.ends_of(still), [-spread, spread], rtol=0, atol=ROUNDING)
+        assert field.coupled and zoo.ends_of(field)[0].shape == (2,)  # one v moves both axes
+        np.testing.assert_allclose(zoo.ends_of(field), [drift - spread, drift + spread], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(zoo.ends_of(still), [-spread, spread], rtol=0, atol=ROUNDING)
         alone = interval.velocities(j, (1,), t)
         assert not alone.coupled
         np.testing.assert_array_equal(
-            [toys.ends_of(alone)[0][0], toys.ends_of(alone)[1][0]],
-            [toys.ends_of(field)[0][1], toys.ends_of(field)[1][1]],
+            [zoo.ends_of(alone)[0][0], zoo.ends_of(alone)[1][0]],
+            [zoo.ends_of(field)[0][1], zoo.ends_of(field)[1][1]],
         )
 
 
@@ -638,10 +636,10 @@ def test_velocity_sets_in_time_are_counted_back_from_the_end():
     field = HJIGames(Samples(problem), Scheme()).velocities(1, (0,), 2)
     for tau in (0.0, 0.1, 0.3):
         now = problem.interval(2).velocities(1, (0,), 0.9 - tau)
-        np.testing.assert_allclose(toys.ends_of(field(tau))[0], toys.ends_of(now)[0], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(zoo.ends_of(field(tau))[0], zoo.ends_of(now)[0], rtol=0, atol=ROUNDING)
     still = problem_of(tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]))
     fields = HJIGames(Samples(still), Scheme()).velocities(1, (0,), 2), still.interval(2).velocities(1, (0,))
-    assert toys.ends_of(fields[0])[1].tolist() == toys.ends_of(fields[1])[1].tolist()
+    assert zoo.ends_of(fields[0])[1].tolist() == zoo.ends_of(fields[1])[1].tolist()
 
 
 # ---- the digest of a problem is that of its formulas
@@ -754,20 +752,19 @@ def test_ranges_hold_whatever_the_disturbance(name, rng):
         assert (ends[:, 0] <= true).all() and (true <= ends[:, 1]).all()
         field, there = interval.velocities(j, (0, 1), t), bent(name, nodes, COMMANDS[j], v, t).T.reshape(2, 9, 9)
         lower, upper = (
-            end.reshape(2, *end.shape[1:] or (1, 1)) for end in (toys.ends_of(field)[0], toys.ends_of(field)[1])
+            end.reshape(2, *end.shape[1:] or (1, 1)) for end in (zoo.ends_of(field)[0], zoo.ends_of(field)[1])
         )
         assert (lower <= there).all() and (there <= upper).all() and field.coupled == dynamics.is_cut
 
 
 def bent_problem(name):
     """A boat that a wind pushes as `BENT` says; a buoy, and edges of the grid to stay within."""
-    return ReachAvoidProblem(
-        Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
-        bent_dynamics(name),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6, p[:, 1]) - 0.8),
-        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.7, p[:, 1] + 0.5) - 0.25, name="buoy"),),
-        0.2,
-        4,
+    return zoo.plane(
+        dynamics=bent_dynamics(name),
+        target=zoo.goal(0.6, 0.0, 0.8),
+        unsafe=(zoo.post(-0.7, -0.5, 0.25, name="buoy"),),
+        delta=0.2,
+        steps=4,
     )
 
 
@@ -847,7 +844,7 @@ def pillar(q, t):
 
 
 def opaque_car():
-    car = toys.unicycle_problem(nodes=(13, 13, 12))
+    car = zoo.unicycle_problem(nodes=(13, 13, 12))
     gain = np.eye(3)[:, :2]
     return car, replace(
         car,
@@ -859,22 +856,17 @@ def opaque_car():
 
 @pytest.mark.parametrize("velocity", [lambda q, u, v: np.sqrt(v + 0 * q), lambda q, u, v: u / (v + 0.1 + 0 * q)])
 def test_a_velocity_that_may_be_undefined_for_a_disturbance_is_refused(velocity):
-    problem = ReachAvoidProblem(
-        Grid([-1.0], [1.0], [15]),
-        Dynamics([[1.0]], velocity=velocity, bounds=[0.2]),
-        TargetSet((0,), lambda p, t: abs(p[:, 0]) - 0.5),
-        (),
-        0.1,
-        1,
+    problem = zoo.line(
+        grid=Grid([-1.0], [1.0], [15]), dynamics=Dynamics([[1.0]], velocity=velocity, bounds=[0.2]), delta=0.1
     )
-    with pytest.raises(ValueError, match="velocity under input 0 may be undefined or infinite for some disturbance"):
+    with pytest.raises(ValueError, match="velocity under input 0"):
         sdhj.solve(problem)
 
 
 def test_what_no_file_can_keep_is_refused_when_it_is_read(monkeypatch):
     monkeypatch.setattr("sdhj.problem.dynamics.MOST_LINES", 20)
     dynamics = Dynamics([[1.0 + k] for k in range(10)], lambda q, u: np.sin(u * q))
-    with pytest.raises(ValueError, match=r"drift has \d+ operations for all 10 inputs together, .* fewer than 20"):
+    with pytest.raises(ValueError, match="all 10 inputs together"):
         dynamics.read(1)
 
 
@@ -898,18 +890,18 @@ def test_black_boxes_are_solved_and_simulated():
 def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
     wild = Dynamics([[1.0]], BlackBox(lambda q, u: q), BlackBox(lambda q: q[:, :, None]), [0.1]).read(3)
     assert wild.depends_on_time and wild.reads.all() and wild.pushes.all() and wild.couples((0, 1))
-    with pytest.raises(ValueError, match="drift is a BlackBox without a slope or an enclosure, which a proof needs"):
+    with pytest.raises(ValueError, match="BlackBox without a slope"):
         wild.velocity_bounds(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
     problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
     assert problem.opaque == {"drift": "a BlackBox of which nothing is declared"}
-    with pytest.raises(ValueError, match="drift is a BlackBox without a slope"):
+    with pytest.raises(ValueError, match="BlackBox without a slope"):
         sdhj.solve(problem, sdhj.Certified(cells=(8, 8)), progress=False)
 
 
 @pytest.mark.parametrize(
     "make",
     [
-        toys.torus_problem,
+        zoo.torus_problem,
         lambda: problem_of(tidal()),
         lambda: problem_of(turning()),
         lambda: bent_problem("sine"),

@@ -16,6 +16,7 @@ from functools import cache
 import forging
 import numpy as np
 import pytest
+import zoo
 from click.testing import CliRunner
 from forging import Claimed, digest, forged
 
@@ -201,7 +202,7 @@ def test_what_is_described_is_what_the_head_names(name, saved, tmp_path):
         forge(*parts)
     with pytest.raises(sdhj.TableFileError, match=r"was changed after it was written|can(not)? be read"):
         sdhj.load(path, problem=given)
-    with pytest.raises(ValueError, match="its head must name the problem that it describes"):
+    with pytest.raises(ValueError, match="problem that it describes"):
         verify(path, given, progress=False)
 
 
@@ -223,9 +224,9 @@ def test_the_name_of_another_problem_is_found(of, saved, tmp_path):
     with forged(path) as (told, _):
         told["digest"] = problem(other).digest
     given = problem(globals()[of])
-    with pytest.raises(sdhj.TableFileError, match="was changed after it was written"):
+    with pytest.raises(sdhj.TableFileError, match="was changed after it"):
         sdhj.load(path, problem=given)
-    with pytest.raises(ValueError, match="its head must name the problem that it describes"):
+    with pytest.raises(ValueError, match="problem that it describes"):
         verify(path, progress=False)
     shown = CliRunner().invoke(main, ["verify", str(path)])
     assert shown.exit_code == 2 and "Traceback" not in shown.output
@@ -261,7 +262,7 @@ def test_numbers_of_another_machine_are_let_in(saved):
     near = dataclasses.replace(
         problem(robot), dynamics=sdhj.Dynamics(INPUTS, INPUTS, np.eye(2), [0.05, 0.1]), unsafe=problem(robot).unsafe[:1]
     )
-    with pytest.raises(sdhj.TableFileError, match="the formula of drift is another"):
+    with pytest.raises(sdhj.TableFileError, match="the formula of drift"):
         sdhj.load(saved(robot), problem=near)
     small = dataclasses.replace(problem(robot), sensing=sdhj.Sensing((0.01, 0.02), 0.01, 0.0, memory=False))
     assert sdhj.load(saved(robot), problem=small).problem is small
@@ -327,12 +328,7 @@ def test_a_true_recipe_is_believed(arm):
 def forever(tmp_path_factory):
     """A cart that stays on its rail for ever."""
     path = tmp_path_factory.mktemp("rail") / "rail.npz"
-
-    def drift(q, u):
-        return np.stack([q[:, 1], np.full(len(q), u[0])], axis=1)
-
-    dynamics = sdhj.Dynamics([[-3.0], [0.0], [3.0]], drift, [[0.0], [1.0]], [0.3])
-    rail = sdhj.ReachAvoidProblem(sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [41, 41]), dynamics, None, [], 0.1, None)
+    rail = zoo.cart(gust=0.3, grid=sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [41, 41]))
     sdhj.solve(rail, sdhj.Certified([40, 40]), progress=False, play=False).save(path)
     return path
 
@@ -418,7 +414,7 @@ def test_for_ever_is_claimed_by_the_sets_themselves(saved, tmp_path):
     assert verify(path, progress=False).ok
     with forged(path, named=True) as (told, _):
         told["details"]["endless"] = True
-    with pytest.raises(sdhj.TableFileError, match="says to be for ever"):
+    with pytest.raises(sdhj.TableFileError, match="says to be for"):
         sdhj.load(path, problem=dataclasses.replace(without_target, steps=None))
     with pytest.raises(ValueError, match="for ever"):
         verify(path, progress=False)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from toys import interval_problem, torus_problem
+from zoo import interval_problem, plane, torus_problem
 
 from sdhj import (
     BlackBox,
@@ -71,9 +71,9 @@ def test_volume_weights_sum_to_one_and_halve_the_ends():
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (([0.0], [1.0], [4]), r"shape\[0\] must be a whole number from 5 .*, got 4"),
+        (([0.0], [1.0], [4]), "whole number from 5"),
         (([0.0], [1.0], [5.5]), "5.5"),
-        (([0.0], [0.0], [9]), r"upper\[0\] must be greater than 0, got 0"),
+        (([0.0], [0.0], [9]), "than 0, got 0"),
         (([0.0], [float("nan")], [9]), "nan"),
         (([0.0] * 7, [1.0] * 7, [5] * 7), "1 to 6"),
         (([0.0], [1.0, 2.0], [9]), "upper has 2"),
@@ -119,13 +119,13 @@ def near(points, t):
         ({"target": TargetSet((0,), lambda p, t: np.where(p[:, 0] < 0, -1.0, 1e38))}, "1e.38.*clip"),
         (
             {"unsafe": (UnsafeSet((0,), BlackBox(lambda p, t: 3.0 - t - p[:, 0]), name="wall"),)},
-            "'wall' is a BlackBox that may depend on time: say how fast it changes",
+            "time: say how fast",
         ),
         ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
-        ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)}, r"\(1, 1\), for 1 bounds, got \(1, 2\)"),
+        ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)}, r"1 bounds, got \(1"),
         (
             {"unsafe": (UnsafeSet((0,), near, lambda p, t0, t1: near(p, t1), name="ball"),)},
-            r"swept of 'ball' over \[0, 0.5\] is 0.5 above the level-set function at t = 0,",
+            r"'ball' over \[0, 0.5\]",
         ),
         ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0], [2.0]], [0.1])}, "gain"),
     ],
@@ -138,13 +138,13 @@ def test_problems_refuse(change, named):
 def test_functions_that_answer_nonsense_are_caught_when_sampled():
     problem = torus_problem(nodes=8)
     bad = Dynamics(problem.inputs, lambda p, u: np.sqrt(p - 1.0), np.eye(2), [0.1, 0.1])
-    with pytest.raises(ValueError, match=r"drift is undefined or infinite \(nan\) at \[-3.14"):
+    with pytest.raises(ValueError, match=r"infinite \(nan\) at \[-3.14"):
         dataclasses.replace(problem, dynamics=bad).dynamics.drift_at(problem.grid.points(), 0)
     for rate in (float("nan"), -1.0, "fast"):
         with pytest.raises(ValueError, match=r"rate|fast"):
             BlackBox(lambda p, t: p[:, 0], rate=rate)
     for axes in (0, (0.0,), "x"):
-        with pytest.raises(ValueError, match="axes of 'target' must be a sequence of whole numbers"):
+        with pytest.raises(ValueError, match="sequence of whole numbers"):
             TargetSet(axes, lambda p, t: p[:, 0])
 
 
@@ -216,17 +216,15 @@ def test_what_bounds_over_a_time_leave_undefined_is_refused_with_what_to_do():
             far = p - np.array([0.3 * t, 0.2])
             return np.sqrt(np.maximum(np.sum((far @ form) * far, axis=1), least)) - 1.0
 
-        steps = [[0.0, 0.0], [1.0, 0.0]]
-        return ReachAvoidProblem(
-            Grid([-2.0, -2.0], [2.0, 2.0], (41, 41)),
-            Dynamics(steps, steps, np.eye(2), [0.2, 0.2]),
-            TargetSet((0,), lambda p, t: p[:, 0] - 0.5),
-            (UnsafeSet((0, 1), ellipse, name="ellipse"),),
-            0.3,
-            2,
+        return plane(
+            [[0.0, 0.0], [1.0, 0.0]],
+            0.2,
+            target=TargetSet((0,), lambda p, t: p[:, 0] - 0.5),
+            unsafe=(UnsafeSet((0, 1), ellipse, name="ellipse"),),
+            steps=2,
         )
 
-    with pytest.raises(ValueError, match=r"'ellipse' may be undefined or infinite at \[0.1.*, 0.2.*\], .*np.maximum"):
+    with pytest.raises(ValueError, match="'ellipse' may be undefined"):
         refused = problem(-np.inf)
         Samples(refused).sample(refused.unsafe[0], 0.3, 0.6)
     mended = problem(0.0)
@@ -234,13 +232,10 @@ def test_what_bounds_over_a_time_leave_undefined_is_refused_with_what_to_do():
 
 
 def test_true_values_need_no_grid():
-    problem = ReachAvoidProblem(
-        Grid([0.0, 0.0], [1.0, 1.0], (9, 9)),
-        Dynamics([[0.0]], [[0.0, 0.0]], np.zeros((2, 1)), [0.0]),
-        TargetSet((0,), lambda p, t: p[:, 0] - 0.5 - t),
-        (UnsafeSet((1,), lambda p, t: p[:, 0] - 0.2), UnsafeSet((0,), lambda p, t: p[:, 0] - 0.1)),
-        0.1,
-        1,
+    problem = plane(
+        grid=Grid([0.0, 0.0], [1.0, 1.0], (9, 9)),
+        target=TargetSet((0,), lambda p, t: p[:, 0] - 0.5 - t),
+        unsafe=(UnsafeSet((1,), lambda p, t: p[:, 0] - 0.2), UnsafeSet((0,), lambda p, t: p[:, 0] - 0.1)),
     )
     q = np.array([[0.4, 0.7], [0.7, 0.3]])
     assert np.allclose(problem.target_value(q, 0.1), [-0.2, 0.1])
@@ -253,11 +248,11 @@ def test_true_values_need_no_grid():
     [
         (
             lambda: TargetSet((0,), lambda p: p[:, 0]),
-            r"level set of 'target' must be a function of \(points, t\), got a function of \(p\)",
+            "level set of 'target'",
         ),
-        (lambda: TargetSet((0,), 0.3), "level set of 'target' must be a function.*0.3"),
-        (lambda: UnsafeSet((0,), "post", name="post"), "level set of 'post'.*got 'post'"),
-        (lambda: UnsafeSet((0,), near, near), r"swept of 'unsafe' must be a function of \(points, t0, t1\)"),
+        (lambda: TargetSet((0,), 0.3), "level set of 'target'"),
+        (lambda: UnsafeSet((0,), "post", name="post"), "level set of 'post'"),
+        (lambda: UnsafeSet((0,), near, near), r"of \(points, t0, t1\)"),
     ],
 )
 def test_what_is_no_function_of_those_arguments_is_refused(made, named):
@@ -277,7 +272,7 @@ def test_functions_that_do_not_tell_their_arguments_are_taken():
     assert TargetSet((0,), Compiled()).level_set(np.array([[2.0]]), 0.0) == 1.5
     with pytest.raises(ValueError, match="no signature"):
         inspect.signature(max)
-    with pytest.raises(ValueError, match=r"level set of 'target' cannot be read as a formula.*BlackBox\(max"):
+    with pytest.raises(ValueError, match="'target' cannot be read"):
         TargetSet((0,), max)
     assert TargetSet((0,), BlackBox(max)).level_set.function is max
 
@@ -288,7 +283,7 @@ def test_functions_that_do_not_tell_their_arguments_are_taken():
         (lambda p, t: np.full(len(p), np.nan), "undefined or infinite.*nan"),
         (lambda p, t: np.zeros((len(p), 2)), "shape"),
         (lambda p, t: np.abs(p[:, 0]) < 0.3, "real numbers.*bool"),
-        (lambda p, t: p[:, 0] if p[0, 0] < 0 else -p[:, 0], r"test_problem.py, line \d+: a decision.*np.where"),
+        (lambda p, t: p[:, 0] if p[0, 0] < 0 else -p[:, 0], r"test_problem.py, line \d+: a"),
     ],
 )
 def test_level_sets_that_cannot_be_read_are_refused(function, named):

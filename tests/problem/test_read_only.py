@@ -13,7 +13,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-import toys
+import zoo
 from numba.core import types
 
 import sdhj
@@ -45,7 +45,7 @@ def problem_of(**changes):
         "delta": 0.25,
         "steps": 6,
     }
-    return sdhj.ReachAvoidProblem(**parts | changes)
+    return zoo.plane(**parts | changes)
 
 
 CASES = {
@@ -252,7 +252,7 @@ def test_no_kernel_is_compiled_twice_for_what_may_be_written():
     """In a process of its own, as other tests call kernels by hand."""
     if numba.config.DISABLE_JIT:
         pytest.skip("nothing is compiled")
-    here = [str(Path(__file__).parent), str(Path(toys.__file__).parent)]
+    here = [str(Path(__file__).parent), str(Path(zoo.__file__).parent)]
     code = f"import sys; sys.path[:0] = {here!r}; import test_read_only as it; print(it.twice())"
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1:] == ["{}"], done.stdout + done.stderr

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, Sensing
@@ -94,7 +94,7 @@ def test_what_jumps_is_taken_at_its_worst(law, width):
 def test_states_on_two_sides_of_a_jump_stay_in_the_box():
     """A robot that is pushed away from 0, and measured on the other side: differences between nodes would say less."""
     jump = Dynamics([[-1.0], [0.0], [1.0]], lambda q, u: u[0] + 0.2 * np.sign(q), [[1.0]], [0.1])
-    problem = replace(toys.interval_problem(), dynamics=jump, sensing=Sensing(0.01, 0.1, memory=False))
+    problem = replace(zoo.interval_problem(), dynamics=jump, sensing=Sensing(0.01, 0.1, memory=False))
     box, wider = problem.half_widths
     np.testing.assert_allclose(box, 0.01 + 0.1 * (0.4 + 0.2), rtol=1e-9)
     np.testing.assert_allclose(wider, 2 * box + 0.5 * (0.4 + 0.2), rtol=1e-9)
@@ -119,14 +119,14 @@ def test_black_boxes_declare_it():
     np.testing.assert_allclose(rates_of(Dynamics([[0.0]], drift, gain, [0.5]))[0], [[0, 1], [1.5, 0]])
     alone = Dynamics([[0.0]], known, gain, [0.5]).read(2).on_axes([0], np.array([0.0, 0.0]))
     np.testing.assert_allclose(lipschitz_bounds(Grid([-3.0], [3.0], [5]), alone, 1.0, 0.1)[0], [[1.0]], rtol=1e-3)
-    with pytest.raises(ValueError, match="drift is a BlackBox without a slope, which a Sensing needs"):
+    with pytest.raises(ValueError, match="BlackBox without a slope"):
         rates_of(Dynamics([[0.0]], replace(drift, slope=None)))
-    with pytest.raises(ValueError, match="gain is a BlackBox without a rate"):
+    with pytest.raises(ValueError, match="BlackBox without a rate"):
         rates_of(Dynamics([[0.0]], known, replace(gain, rate=None), [0.5]))
 
 
 def test_what_may_be_undefined_is_refused():
-    problem = toys.interval_problem()
+    problem = zoo.interval_problem()
     pole = sdhj.Dynamics(problem.inputs, lambda q, u: u[0] + 1e-6 / (q - 0.123456))
-    with pytest.raises(ValueError, match="the velocity along x1 may be undefined somewhere on the grid"):
+    with pytest.raises(ValueError, match="the velocity along x1"):
         replace(problem, dynamics=pole, sensing=Sensing(0.01, memory=False))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from fleet import FLEET
-from toys import torus_problem, unicycle_problem
+from zoo import torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.common.findings import ResolutionWarning, tell

@@ -1,9 +1,12 @@
 """Adversaries whose components move several axes at once: what is played is the true set, not the box around it."""
 
+from dataclasses import replace
+
 import judge
 import naive_zonotopes
 import numpy as np
 import pytest
+import zoo
 from on_disk import assert_bit_equal
 
 import sdhj
@@ -38,12 +41,10 @@ def gust(nodes=61, *, gain=DIAGONAL, bounds=(0.9,), steps=10, **more):
 
 def octagon(nodes=(81, 61), *, gain=OCTAGON, bounds=SIDES, speed=0.5, steps=24):
     """A point in a room with a post, pushed by anything in an octagon around a disk of radius 0.3."""
-    return sdhj.ReachAvoidProblem(
+    return zoo.walk(
         grid=sdhj.Grid([0.0, 0.0], [4.0, 3.0], nodes),
         dynamics=sdhj.Dynamics(COMPASS, speed * COMPASS, gain, bounds),
-        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 3.4, p[:, 1] - 1.5) - 0.4),
-        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 2.0, p[:, 1] - 1.5) - 0.5, name="post")],
-        delta=0.25,
+        unsafe=[zoo.post(2.0, 1.5, 0.5)],
         steps=steps,
     )
 
@@ -209,9 +210,7 @@ def test_the_games_converge_to_brute_force():
 
 def carried(drift):
     """The gust on a conveyor."""
-    problem = gust(41, steps=3)
-    dynamics = sdhj.Dynamics(COMPASS, drift, DIAGONAL, [0.9])
-    return sdhj.ReachAvoidProblem(problem.grid, dynamics, problem.target, problem.unsafe, 0.1, 3)
+    return replace(gust(41, steps=3), dynamics=sdhj.Dynamics(COMPASS, drift, DIAGONAL, [0.9]))
 
 
 @pytest.mark.slow
@@ -227,9 +226,8 @@ def test_a_drift_that_changes_with_time_leaves_segments():
 def test_on_disk_bit_for_bit(tmp_path, ends):
     grid = sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [61, 31], ends=[ends, "unsafe"])
     inputs = np.array([[0.0, 1.0], [0.0, -1.0]])
-    post = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.2, name="post")
     dynamics = sdhj.Dynamics(inputs, inputs, [[1.0, -1.0], [1.0, 1.0]], [0.3, 0.3])
-    problem = sdhj.ReachAvoidProblem(grid, dynamics, None, [post], 0.15, 3)
+    problem = zoo.plane(grid=grid, dynamics=dynamics, target=None, unsafe=[zoo.post(0.0, 0.0, 0.2)], delta=0.15)
     assert problem.interval(0).segments((0, 1)).shape[1] == 2
     stored = sdhj.solve(problem, "lax", progress=False, play=False, store=tmp_path / "t")
     assert_bit_equal(stored, solved(problem, "lax"))
@@ -242,9 +240,7 @@ def pursued(nodes, steps=8):
     columns = np.zeros((4, 6))
     columns[:, :2], columns[2:, 2:] = gain[:, :2], OCTAGON
     dynamics = sdhj.Dynamics(square.inputs, drift, columns, [*bounds[:2], *(SIDES * 0.2 / 0.3)])
-    return square, sdhj.ReachAvoidProblem(
-        square.grid, dynamics, square.target, square.unsafe, square.delta, square.steps
-    )
+    return square, replace(square, dynamics=dynamics)
 
 
 @pytest.mark.slow
@@ -393,13 +389,14 @@ def test_gains_that_turn_with_the_state_are_seen_too(rng):
 def test_at_a_wall_that_is_not_symmetric_the_box_is_seen(rng):
     """A diagonal push beside a wall ends outside the clipped segment: margins there are those of the box."""
     grid = sdhj.Grid([0.0, 0.0], [1.0, 1.0], [21, 21], ends=["wall", "unsafe"])
-    problem = sdhj.ReachAvoidProblem(
-        grid,
-        sdhj.Dynamics([[0.0]], [[0.0, 0.0]], [[1.0], [1.0]], [1.0]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p[:, 1] - 0.5) - 0.15 - 0.1 * p[:, 0]),
-        [],
-        0.1,
-        2,
+    problem = zoo.plane(
+        [[0.0, 0.0]],
+        1.0,
+        gain=[[1.0], [1.0]],
+        grid=grid,
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.abs(p[:, 1] - 0.5) - 0.15 - 0.1 * p[:, 0]),
+        delta=0.1,
+        steps=2,
     )
     table = solved(problem, "hji")
     states = np.array([[0.05, 0.5], [0.5, 0.5]])

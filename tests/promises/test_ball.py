@@ -5,27 +5,26 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.problem.ball import MOST_SIDES
 
-SPEEDS = 0.5 * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+SPEEDS = 0.5 * np.array(zoo.STEPS)
 
 
 PLANE = np.eye(2)
 
 
 def room(gain=PLANE, bounds=None, **given):
-    dynamics = given.pop("dynamics", None) or sdhj.Dynamics(SPEEDS, SPEEDS, gain, bounds)
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [31, 31]),
-        dynamics,
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.8, p[:, 1]) - 0.35),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 0.1) - 0.3)],
-        0.3,
-        4,
-        **given,
-    )
+    usual = {
+        "grid": sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [31, 31]),
+        "dynamics": given.pop("dynamics", None) or sdhj.Dynamics(SPEEDS, SPEEDS, gain, bounds),
+        "target": zoo.goal(0.8, 0.0, 0.35),
+        "unsafe": [zoo.post(0.0, 0.1, 0.3)],
+        "steps": 4,
+    }
+    return zoo.plane(**usual | given)
 
 
 def octagon(r, sides=8):
@@ -105,7 +104,7 @@ def test_velocities_of_the_adversary_s_corners_are_in_the_polygon(name, rng):
         (lambda: sdhj.Ball(-0.1), "radius"),
         (lambda: sdhj.Ball(0.1, 7), "even number"),
         (lambda: sdhj.Ball(0.1, 2), "sides"),
-        (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(3), sdhj.Ball(0.1)), r"gain of shape \(ndim, 2\)"),
+        (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(3), sdhj.Ball(0.1)), r"of shape \(ndim, 2\)"),
         (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, None, sdhj.Ball(0.1)), "belong together"),
         (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, sdhj.BlackBox(lambda q: q, slope=0.0), sdhj.Ball(0.1)), "formula"),
         (lambda: room(gain=lambda q: np.ones((len(q), 2, 3)), bounds=sdhj.Ball(0.1)), "two columns"),

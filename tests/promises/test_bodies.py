@@ -135,13 +135,13 @@ def test_a_footprint_on_a_map_is_seen_whole_and_not_much_larger():
 def test_what_is_no_footprint_is_refused():
     with pytest.raises(ValueError, match="needs three axes"):
         UnsafeSet.box([0, 0], [1, 1], footprint=ROBOT)
-    with pytest.raises(ValueError, match="must return x, y and heading"):
+    with pytest.raises(ValueError, match="x, y and heading"):
         UnsafeSet.disk([0, 0], 1, footprint=Body(ROBOT, pose=lambda q, t: q[:, 0]))
     with pytest.raises(ValueError, match="allow a greater tolerance"):
         covering_disks(Body(ROBOT), 1e-4)
-    with pytest.raises(ValueError, match="lower must be below upper"):
+    with pytest.raises(ValueError, match="lower must be below"):
         UnsafeSet.box([0, 0], [0, 1])
-    with pytest.raises(ValueError, match="whose edges do not meet"):
+    with pytest.raises(ValueError, match="whose edges do not"):
         Body([[0, 0], [1, 1], [1, 0], [0, 1]])
     still = UnsafeSet.box([0, 0], [1, 1], footprint=Body(ROBOT, pose=lambda q, t: (q[:, 0], q[:, 1], 0.0)))
     assert still.level_set([[-0.95, 0.5]], 0.0).round(9).tolist() == [0.05]  # as the error advises

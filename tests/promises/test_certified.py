@@ -4,8 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+import zoo
 from forging import describe, forged
-from toys import interval_problem
+from zoo import interval_problem
 
 import sdhj
 from sdhj.certified.check import verify
@@ -31,11 +32,7 @@ def test_on_a_line_it_is_the_closed_form_but_for_two_cells(within):
 @cache
 def cart():
     """A cart that stays on |x| <= 1 for longer than it takes to stop: v^2 / (2 (BRAKE - PUSH))."""
-    dynamics = sdhj.Dynamics(
-        COMMANDS, lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1), [[0.0], [1.0]], [PUSH]
-    )
-    grid = sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [41, 41])
-    problem = sdhj.ReachAvoidProblem(grid, dynamics, None, (), DELTA, STEPS)
+    problem = zoo.cart(COMMANDS, PUSH, grid=sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [41, 41]), delta=DELTA, steps=STEPS)
     return sdhj.solve(problem, sdhj.Certified([80, 100]), progress=False)
 
 

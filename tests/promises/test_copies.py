@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from toys import interval_problem, torus_problem
+from zoo import interval_problem, torus_problem
 
 import sdhj
 from sdhj.problem.sets import ANYWHERE

@@ -7,7 +7,7 @@ from typing import Any
 import naive_controller
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 from sdhj.common import memory
@@ -17,14 +17,9 @@ def rooms(**given: Any) -> sdhj.ReachAvoidProblem:
     """A plane with a post in the middle: to the other side of it, at .4 or .8 m/s in eight directions."""
     turns = [(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4]
     inputs = [[0.0, 0.0], *([speed * x, speed * y] for speed in (0.4, 0.8) for x, y in turns)]
-    parts: dict[str, Any] = {
-        "grid": sdhj.Grid([-2.0, -1.5], [2.0, 1.5], [41, 31]),
-        "dynamics": sdhj.Dynamics(inputs, inputs, np.eye(2), [0.1, 0.1]),
-        "target": sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1]) - 0.4),
-        "unsafe": (sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.3, name="post"),),
-        "delta": 0.3,
-    }
-    return sdhj.ReachAvoidProblem(**parts | {"steps": 12} | given)
+    grid = sdhj.Grid([-2.0, -1.5], [2.0, 1.5], [41, 31])
+    usual = {"grid": grid, "target": zoo.goal(1.2, 0.0, 0.4), "unsafe": (zoo.post(0.0, 0.0, 0.3),), "steps": 12}
+    return zoo.plane(inputs, **usual | given)
 
 
 @cache
@@ -70,7 +65,7 @@ def plainly(table: Any, stage: Any, end: Any, join: Any, reserve: float) -> list
 @pytest.mark.parametrize("name", ["torus", "certified"])
 def test_against_dynamic_programming_in_plain_loops(name: str, cost: str) -> None:
     if name == "torus":
-        made = toys.small_torus_table()  # moving, periodic
+        made = zoo.small_torus_table()  # moving, periodic
     else:
         coarse = rooms(steps=3, grid=sdhj.Grid([-2.0, -1.5], [2.0, 1.5], [17, 13]))
         made = sdhj.solve(coarse, sdhj.Certified(cells=[40, 30]), progress=False, play=False)
@@ -193,7 +188,7 @@ def test_the_loop_counts_its_steps() -> None:
         q = q + 0.3 * inputs[answers[-1].input]
     assert answers[-1].arrived and len(answers) > made.steps - 2 > answers[0].steps_to_go
     assert all(one.promised for one in answers[:-1])
-    with pytest.raises(ValueError, match="time must be at most"):
+    with pytest.raises(ValueError, match="time must be at"):
         controller.step(q, (made.steps + 1) * 0.3)
     for ask in (frugal.select, frugal.safe_inputs, frugal.steps_to_go):
         with pytest.raises(ValueError, match="give the step"):
@@ -201,7 +196,7 @@ def test_the_loop_counts_its_steps() -> None:
         ask([0.5, 1.0], 0)
     kept = set(np.flatnonzero(made.batch([[0.5, 1.0]], 0, made.steps).safe[0]).tolist())
     assert set(frugal.safe_inputs([0.5, 1.0], 0).tolist()) == kept
-    with pytest.raises(ValueError, match="steps must be left out"):
+    with pytest.raises(ValueError, match="steps must be left"):
         sdhj.monte_carlo(frugal, runs=10, steps=5)
     report = sdhj.monte_carlo(frugal, runs=200, adversary="worst", progress=False)
     assert report.counts["reached"] == 200 and report.rule == "cost to go of effort"
@@ -257,8 +252,12 @@ def test_with_sensing_and_from_a_store(tmp_path: Any) -> None:
     assert report.counts["reached"] == 100
     stored = sdhj.solve(rooms(), store=tmp_path / "store", progress=False, play=False)
     for cost in ("effort", "clearance"):
-        both = [sdhj.CostToGo(one, cost, progress=False)._values for one in (stored, table("hji"))]
-        assert (both[0] == both[1]).all()
+        controllers = [
+            sdhj.Controller(one, rule=sdhj.CostToGo(one, cost, progress=False)) for one in (stored, table("hji"))
+        ]
+        states = np.random.default_rng(0).uniform([-2.0, -1.5], [2.0, 1.5], (500, 2))
+        chosen = [one.choose(one.batch(states, 0)) for one in controllers]
+        assert (chosen[0] == chosen[1]).all() and (chosen[0] >= 0).any()
 
 
 @pytest.mark.slow
@@ -266,37 +265,37 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
     """Each in a line that says what to do, and the advice holds."""
     made = table("hji")
     for cost in ("deepest", 1, None):
-        with pytest.raises(ValueError, match="cost must be one of effort, distance, clearance, got"):
+        with pytest.raises(ValueError, match="effort, distance, clearance, got"):
             sdhj.CostToGo(made, cost)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="table must be what sdhj"):
+    with pytest.raises(ValueError, match="table must be what"):
         sdhj.CostToGo(sdhj.Controller(made), "effort")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="must return a score for each candidate"):
+    with pytest.raises(ValueError, match="score for each candidate"):
         sdhj.CostToGo(made, lambda among: np.zeros(3), progress=False)
     for never in (-np.inf, np.nan):
-        with pytest.raises(ValueError, match="must be numbers, or inf for what no run should do"):
+        with pytest.raises(ValueError, match="be numbers, or inf"):
             sdhj.CostToGo(made, lambda among, never=never: np.full(len(among.inputs), never), progress=False)
-    with pytest.raises(ValueError, match="adds up must be real numbers"):
+    with pytest.raises(ValueError, match="must be real numbers"):
         sdhj.CostToGo(made, lambda among: np.full(len(among.inputs), "a"), progress=False)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="rule must be one of"):
+    with pytest.raises(ValueError, match="rule must be one"):
         sdhj.Controller(made, rule=sdhj.CostToGo)  # type: ignore[arg-type]
     other, again = (sdhj.solve(rooms(delta=delta), progress=False, play=False) for delta in (0.2, 0.3))
-    with pytest.raises(ValueError, match=r"of another table: use CostToGo\(table, ...\) of the controller's"):
+    with pytest.raises(ValueError, match=r"another table: use CostToGo\(table"):
         sdhj.Controller(other, rule=sdhj.CostToGo(made, "effort", progress=False)).select([0.5, 1.0], 0)
     own = [sdhj.Controller(again, rule=sdhj.CostToGo(one, "effort", progress=False)) for one in (again, made)]
     assert own[0].select([0.5, 1.0], 0) == own[1].select([0.5, 1.0], 0)
     ever = sdhj.solve(rooms(target=None, steps=None), sdhj.Certified([40, 30]), play=False, progress=False)
-    with pytest.raises(ValueError, match="lasts for ever has no sum: solve it with a number of steps"):
+    with pytest.raises(ValueError, match="a number of steps"):
         sdhj.CostToGo(ever, "effort")
     staying = sdhj.solve(rooms(target=None, steps=5), play=False, progress=False)
     assert sdhj.Controller(staying, sdhj.CostToGo(staying, "effort", progress=False)).select([1.0, 1.0], 0) == 0
-    with pytest.raises(ValueError, match="is that to a target, and the problem has none: use another cost"):
+    with pytest.raises(ValueError, match="none: use another cost"):
         sdhj.CostToGo(staying, "distance")
-    with pytest.raises(ValueError, match="needs an unsafe set, unsafe under every input: use another cost"):
+    with pytest.raises(ValueError, match="unsafe under every input"):
         sdhj.CostToGo(empty := sdhj.solve(rooms(unsafe=()), play=False, progress=False), "clearance")
     sdhj.CostToGo(empty, "effort", progress=False)
-    with pytest.raises(ValueError, match="rule must be one of deepest, effort"):
+    with pytest.raises(ValueError, match="one of deepest, effort"):
         sdhj.export_c(table("certified"), tmp_path, rule=sdhj.CostToGo(table("certified"), "effort"))  # type: ignore[arg-type]
     monkeypatch.setattr(memory, "available", lambda: (100_000, "are available"))
     monkeypatch.setattr(memory, "SPARE", 0)
-    with pytest.raises(MemoryError, match=r"a cost to go at 1,271 nodes and 13 steps needs about 0.000132 GB"):
+    with pytest.raises(MemoryError, match="needs about"):
         sdhj.CostToGo(made, "effort")

@@ -5,10 +5,10 @@ from dataclasses import replace
 import judge
 import numpy as np
 import pytest
-from toys import interval_problem
+from zoo import cart, interval_problem, unicycle_problem
 
 import sdhj
-from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, TargetSet, UnsafeSet
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.solver.joint import Joint
 
@@ -18,18 +18,8 @@ ACCELERATIONS = np.linspace(-3.0, 3.0, 7)
 
 def double_integrator(ends="unsafe", nodes=(41, 33), disturbance=0.0):
     """Position and velocity in [-1, 1] x [-0.8, 0.8]; most fast states leave, whatever is done."""
-
-    def drift(points, u):
-        return np.stack([points[:, 1], np.full(len(points), u[0])], axis=1)
-
-    return ReachAvoidProblem(
-        Grid(-HALF, HALF, nodes, ends=ends),
-        Dynamics(ACCELERATIONS[:, None], drift, [[0.0], [1.0]], [disturbance]),
-        TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.15),
-        (),
-        delta=0.1,
-        steps=8,
-    )
+    target = TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.15)
+    return cart(ACCELERATIONS, disturbance, grid=Grid(-HALF, HALF, nodes, ends=ends), target=target, steps=8)
 
 
 def judged(table, runs, rng, disturbance=0.0):
@@ -118,16 +108,10 @@ def test_each_face_is_its_own():
 def test_the_ends_of_a_subspace_count_in_the_projected_method(rng):
     """Three axes of a unicycle, of which only x and y can be left; projections are inside the full tubes."""
 
-    def drift(points, u):
-        return np.stack([np.cos(points[:, 2]), np.sin(points[:, 2]), np.full(len(points), u[0])], axis=1)
-
-    problem = ReachAvoidProblem(
-        Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], (25, 25, 24), [False, False, True]),
-        Dynamics([[-2.0], [0.0], [2.0]], drift, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], [0.1, 0.1]),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
-        (),
-        0.2,
-        4,
+    problem = replace(
+        unicycle_problem(steps=4),
+        grid=Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], (25, 25, 24), [False, False, True]),
+        unsafe=(),
     )
     full, projected = sdhj.solve(problem), sdhj.solve(problem, Projected([(0, 1, 2)]))
     np.testing.assert_allclose(projected.avoid.static, full.avoid.static, rtol=0, atol=1e-6)

@@ -14,7 +14,7 @@ import forged_robots
 import numpy as np
 import pytest
 import test_memory
-import toys
+import zoo
 from parameters import but_slow
 
 import sdhj
@@ -57,14 +57,14 @@ def remembering(problem, error, **sensing):
 
 def oddly_named():
     names = ["*/ #error", "\u03b8 \\"]
-    problem = toys.torus_problem()
+    problem = zoo.torus_problem()
     return replace(problem, grid=replace(problem.grid, names=names), name='"a" /* b */')
 
 
 CASES = {
-    "line": (toys.interval_problem, sdhj.Certified(cells=(80,))),
+    "line": (zoo.interval_problem, sdhj.Certified(cells=(80,))),
     "oddly named": (oddly_named, sdhj.Certified(cells=(30, 30))),
-    "torus": (toys.torus_problem, sdhj.Certified(cells=(60, 60))),
+    "torus": (zoo.torus_problem, sdhj.Certified(cells=(60, 60))),
     "moves": (lambda: digest_cases.tide(turning=True), sdhj.Certified(cells=(32, 24), parts=3)),
     "measured": (senses, sdhj.Certified(cells=(80, 60), parts=4)),
     "safe ends": (
@@ -73,22 +73,22 @@ CASES = {
     ),
     "forbidden": (forged_robots.forbidden, sdhj.Certified(cells=(80,))),
     "standing": (forged_robots.standing, sdhj.Certified(cells=(40, 10), parts=2)),
-    "car": (toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
+    "car": (zoo.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "65 inputs": (lambda: with_inputs(*many_inputs()), sdhj.Certified(cells=(80, 60), parts=4)),
     "289 inputs": (lambda: with_inputs(*lattice_inputs(17)), sdhj.Certified(cells=(40, 30), parts=2)),
     "for ever": (
         lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
         sdhj.Certified(cells=(40, 40), parts=4),
     ),
-    "line, remembering": (lambda: remembering(toys.interval_problem(), 0.05), sdhj.Certified(cells=(80,))),
+    "line, remembering": (lambda: remembering(zoo.interval_problem(), 0.05), sdhj.Certified(cells=(80,))),
     "joint, remembering": (lambda: test_memory.joint(0.02, jitter=0.001), sdhj.Certified(cells=(100, 100), parts=4)),
     "torus, remembering": (
-        lambda: remembering(toys.torus_problem(), 0.05),
+        lambda: remembering(zoo.torus_problem(), 0.05),
         sdhj.Certified(cells=(40, 40), parts=4),
     ),
     "noisy, remembering": (forged_robots.noisy, sdhj.Certified(cells=(40, 10), parts=2)),
     "car, remembering": (
-        lambda: remembering(toys.unicycle_problem(), (0.01, 0.01, 0.02)),
+        lambda: remembering(zoo.unicycle_problem(), (0.01, 0.01, 0.02)),
         sdhj.Certified(cells=(30, 30, 38), parts=4),
     ),
     "tide, remembering": (

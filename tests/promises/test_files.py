@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from forging import forged
 from parameters import but_slow
-from toys import interval_problem, one_row, small_torus_table, torus_problem, unicycle_problem
+from zoo import interval_problem, one_row, small_torus_table, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.cli import main
@@ -57,16 +57,16 @@ def test_what_is_no_file_is_not_replaced(tmp_path, check):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"pipe.*name a file"):
         check(tmp_path / "pipe")
-    with pytest.raises(OSError, match="is a folder; name a file"):
+    with pytest.raises(OSError, match="folder; name a file"):
         check(tmp_path)
-    with pytest.raises(OSError, match=r"cannot write in .*missing.*choose a folder"):
+    with pytest.raises(OSError, match="cannot write in"):
         check(tmp_path / "missing" / "a.txt")
 
 
 def test_a_folder_is_made_where_it_can_be(tmp_path):
     assert writable_folder(tmp_path / "a" / "b").is_dir()
     (tmp_path / "file").touch()
-    with pytest.raises(OSError, match=r"cannot write in .*file.*choose a folder"):
+    with pytest.raises(OSError, match="cannot write in"):
         writable_folder(tmp_path / "file" / "c")
 
 
@@ -166,10 +166,10 @@ def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
         sdhj.load(path)
     for text in (b"", b"not a zip at all", b"PK\3\4", b"PK\3\4" + bytes(26) + b"problem.json" + bytes(300)):
         path.write_bytes(text)
-        with pytest.raises(sdhj.TableFileError, match="is damaged, cut short or not a look-up table; solve it anew"):
+        with pytest.raises(sdhj.TableFileError, match="is damaged, cut short"):
             sdhj.load(path)
     np.savez(path, tubes=np.zeros(3))
-    with pytest.raises(sdhj.TableFileError, match="is damaged, cut short or not a look-up table; solve it anew"):
+    with pytest.raises(sdhj.TableFileError, match="is damaged, cut short"):
         sdhj.load(path)
     arm_table.save(path)
     whole = path.read_bytes()
@@ -230,7 +230,7 @@ def test_a_packed_table_is_as_well(arm_table, tmp_path, rng):
     same(arm_table, sdhj.load(tmp_path / "packed.npz"))
     same(arm_table, sdhj.load(unzipped(tmp_path / "plain.npz")))
     same(arm_table, sdhj.load(unzipped(tmp_path / "packed.npz")))
-    with pytest.raises(ValueError, match="compress must be True or False, got 7"):
+    with pytest.raises(ValueError, match="or False, got 7"):
         arm_table.save(tmp_path / "packed.npz", compress=7)
 
 
@@ -255,7 +255,7 @@ def test_a_table_whose_file_is_gone_is_pickled_with_its_arrays(arm_table, tmp_pa
         pickle.loads(text)
     dataclasses.replace(arm_table, details={}).save(tmp_path / "arm.npz")
     same(arm_table, pickle.loads(pickle.dumps(loaded)))
-    with pytest.raises(sdhj.TableFileError, match="has changed since the table was pickled as its name; load it anew"):
+    with pytest.raises(sdhj.TableFileError, match="changed since the table"):
         pickle.loads(text)
 
 
@@ -272,7 +272,7 @@ def test_digests_are_read_of_small_tables_and_where_they_are_asked_for(arm_table
     assert sdhj.load(stored).steps == 2
     with pytest.raises(sdhj.TableFileError, match="is damaged"):
         sdhj.load(stored, check=True)
-    with pytest.raises(ValueError, match="check must be True, False or None, got 7"):
+    with pytest.raises(ValueError, match="or None, got 7"):
         sdhj.load(stored, check=7)
 
 
@@ -301,7 +301,7 @@ def test_certified_tables_are_packed_unless_it_is_said(tmp_path):
 
 
 def test_a_folder_that_is_no_table_is_refused(arm_table, tmp_path):
-    with pytest.raises(sdhj.TableFileError, match=r"is a folder without problem\.json: name the file or folder of"):
+    with pytest.raises(sdhj.TableFileError, match=r"folder without problem\.json: name"):
         sdhj.load(tmp_path)
     arm_table.save(tmp_path / "arm.npz")
     (unzipped(tmp_path / "arm.npz") / "marks.npy").unlink()
@@ -475,7 +475,7 @@ def test_a_table_is_read_where_constants_are_rounded_otherwise(black, tmp_path):
         same(table, loaded)
         assert loaded.problem is problem
     for change in (1e-9, -1e-3):
-        with pytest.raises(sdhj.TableFileError, match=r"another problem: .*; the formula of (bounds|drift) is another"):
+        with pytest.raises(sdhj.TableFileError, match=r"formula of (bounds|drift)"):
             sdhj.load(tmp_path / "own.npz", problem=machine(change, black=black))
 
 
@@ -499,7 +499,7 @@ def test_a_black_box_needs_its_problem_and_is_known_by_its_values(tmp_path):
         else:
             same(table, sdhj.load(path, problem=problem))
     plain = dataclasses.replace(machine(0.0), unsafe=machine(0.0).unsafe)
-    with pytest.raises(sdhj.TableFileError, match=r"its black boxes are \['unsafe 0'\] there and \[\] here"):
+    with pytest.raises(sdhj.TableFileError, match=r"boxes are \['unsafe 0'\]"):
         sdhj.load(path, problem=plain)
 
 

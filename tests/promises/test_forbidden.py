@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.check import verify
@@ -24,13 +25,13 @@ def line(inputs=FAST, *, box=False, push=0.1, **given):
         return np.abs(p[:, 0] - sum(STATION) / 2) - (STATION[1] - STATION[0]) / 2
 
     station = sdhj.BlackBox(level, slope=1.0, rate=0.0) if box else level
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.0], [3.0], [161]),
-        sdhj.Dynamics(levels, levels, [[1.0]], [push]),
-        sdhj.TargetSet((0,), lambda p, t: 2.0 - p[:, 0]),
-        [sdhj.UnsafeSet((0,), station, name="station", inputs=inputs)],
-        0.5,
-        10,
+    return zoo.line(
+        levels,
+        push,
+        grid=sdhj.Grid([-1.0], [3.0], [161]),
+        target=sdhj.TargetSet((0,), lambda p, t: 2.0 - p[:, 0]),
+        unsafe=[sdhj.UnsafeSet((0,), station, name="station", inputs=inputs)],
+        steps=10,
         **given,
     )
 
@@ -183,16 +184,17 @@ def test_with_sensing_the_others_stay_numbers():
 
 def test_a_charger_that_is_off_for_some_hours():
     """The battery is used for 18 h and must not fall to 20 %; the charger is off from 8 to 11 h."""
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0], [1.0], [101], names=["charge"]),
-        sdhj.Dynamics([[0.0], [0.1]], [[0.0], [0.1]], [[1.0]], [0.02]),  # per hour
-        None,
-        [
+    problem = zoo.line(
+        (0.0, 0.1),  # per hour
+        0.02,
+        grid=sdhj.Grid([0.0], [1.0], [101], names=["charge"]),
+        target=None,
+        unsafe=[
             sdhj.UnsafeSet((0,), lambda p, t: np.abs(t - 9.5) - 1.49 + 0.0 * p[:, 0], name="off", inputs=[1]),
             sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] - 0.2, name="empty"),
         ],
-        1.0,
-        18,
+        delta=1.0,
+        steps=18,
     )
     table = sdhj.solve(problem, progress=False, play=False)
     states = np.array([[0.5]])

@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+import zoo
 from parameters import but_slow
 from plain import run_plainly
-from toys import ends_of, interval_problem, torus_problem, unicycle_problem
+from zoo import ends_of, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
@@ -235,8 +236,7 @@ def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method
 
     dynamics = Dynamics([[0.0]], lambda q, u, t: [speed * np.sin(2 * math.pi * t + shift)], [[1.0]], [0.0])
     wall = sdhj.UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0])
-    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
-    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), dynamics, target, (wall,), 1.0, 1)
+    problem = zoo.line(grid=sdhj.Grid([-4.0], [4.0], [161]), dynamics=dynamics, unsafe=(wall,), delta=1.0, steps=1)
     (tube,) = every_game(problem)[method].avoid(wall, 0)
     q, top = problem.grid.nodes(0), displacement(np.linspace(0.0, 1.0, 10_001)).max()
     assert displacement(peak) == pytest.approx(top) and top > displacement(1.0) + 1.0
@@ -248,8 +248,7 @@ def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method
 def gusty(waves):
     """Gusts of up to 6 m/s, some to an interval of 1 s: they carry the state 3 m."""
     gusts = Dynamics([[0.0]], lambda q, u, t: [6.0 * np.sin(waves * math.pi * t) ** 2], [[1.0]], [0.0])
-    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
-    return sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), gusts, target, (), 1.0, 1)
+    return zoo.line(grid=sdhj.Grid([-4.0], [4.0], [161]), dynamics=gusts, delta=1.0, steps=1)
 
 
 @pytest.mark.parametrize("method", ["fixed", "lax"])
@@ -265,7 +264,7 @@ def test_gusts_within_an_interval_are_followed(waves, method):
 @pytest.mark.parametrize("method", ["hji", "lax"])
 def test_gusts_too_many_to_be_followed_are_refused(method):
     """Eight to an interval and none at its eighths: a few instants could take them for stillness."""
-    with pytest.raises(ValueError, match="velocities change too fast within a sampling interval of delta = 1 to be"):
+    with pytest.raises(ValueError, match="velocities change too fast"):
         sdhj.solve(gusty(8), method, progress=False)
 
 
@@ -320,12 +319,12 @@ def test_absurd_speeds_are_refused(method, change, make):
         gain = np.eye(problem.grid.ndim)[:, :2]
         drift, bounds = ([[0.0, 1e12]] * 9, [0.4] * 2) if change == "drift" else (problem.dynamics.drift, [0.1, 1e12])
         problem = dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, drift, gain, bounds))
-    with pytest.raises(ValueError, match=r"delta = .* needs .*e\+.* at most 100,000 .*along axis \d \(.* apart; use a"):
+    with pytest.raises(ValueError, match=r"along axis \d \("):
         sdhj.solve(problem, method, progress=False)
 
 
 def test_a_tiny_cfl_number_is_refused():
-    with pytest.raises(ValueError, match="time steps for each PDE, at cfl 1e-12"):
+    with pytest.raises(ValueError, match="PDE, at cfl 1e-12"):
         sdhj.solve(interval_problem(), HJI(Scheme(cfl=1e-12)), progress=False)
 
 
@@ -353,11 +352,11 @@ def test_avoid_games_converge_where_one_push_moves_two_axes(rng):
     points = rng.uniform(-1.0, 1.0, (60_000, 2))
     true, nodes, errors = clear_of_a_disk(points, drift, along, 0.3, 0.2, 0.2), [20, 40, 80], []
     for n in nodes:
-        problem = sdhj.ReachAvoidProblem(
+        problem = zoo.plane(
             grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [n, n], periodic=[True, True]),
             dynamics=Dynamics([[1.0]], [drift], along[:, None], [0.3]),
             target=None,
-            unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.2)],
+            unsafe=[zoo.post(0.0, 0.0, 0.2)],
             delta=0.2,
             steps=1,
         )

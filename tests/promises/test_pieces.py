@@ -5,7 +5,7 @@ from dataclasses import replace
 import naive_zonotopes
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 from sdhj.common.remembering import read_only
@@ -109,7 +109,7 @@ def test_pieces_are_kept_in_files_and_told_apart(tmp_path):
     loaded = sdhj.load(tmp_path / "t.npz")
     assert loaded.problem.dynamics.pieces == 3 and loaded.problem.digest == table.problem.digest
     assert misled(15).digest != table.problem.digest
-    with pytest.raises(ValueError, match="pieces is 3 there and 8 here"):
+    with pytest.raises(ValueError, match="3 there and 8"):
         sdhj.load(tmp_path / "t.npz", problem=misled(15))
     again = sdhj.solve(loaded.problem, progress=False, play=False)
     np.testing.assert_array_equal(again.values(start=0), table.values(start=0))
@@ -194,7 +194,7 @@ def test_a_mean_of_two_directions_counts():
     near = np.abs(grid.points() - q - chord).max(axis=1).reshape(grid.shape) < 0.6 * grid.spacing[0]
     assert near.any() and not ((low - grid.spacing <= chord) & (chord <= high + grid.spacing)).all(axis=1).any()
     clear = AvoidTubes((0,), np.full((1, 401), -1.0, np.float32), (0,), np.full((1, 1, 401), -1.0, np.float32))
-    table = toys.empty_table(problem, clear)
+    table = zoo.empty_table(problem, clear)
     table.value_array(0, 0)[:], table.value_array(0, 1)[:] = 1.0, -1.0
     table.value_array(1, 0)[:] = np.where(near, 1.0, -1.0)
     read_only((table.index, table.tubes, table.marks))

@@ -7,8 +7,9 @@ from dataclasses import replace
 import naive_projections as naive
 import numpy as np
 import pytest
+import zoo
 from plain import run_plainly
-from toys import ends_of
+from zoo import ends_of
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
@@ -71,13 +72,12 @@ def wind_problem(*, nodes=41):
     def drift(points, u):
         return np.stack([u[0] + 0.5 * points[:, 1], np.zeros(len(points))], axis=1)
 
-    return ReachAvoidProblem(
-        Grid([-3.0, -1.0], [3.0, 1.0], [nodes, 9], names=["x", "w"]),
-        Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.3]),
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
-        (),
-        0.4,
-        2,
+    return zoo.plane(
+        grid=Grid([-3.0, -1.0], [3.0, 1.0], [nodes, 9], names=["x", "w"]),
+        dynamics=Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.3]),
+        target=zoo.goal(0.0, 1.0),
+        delta=0.4,
+        steps=2,
     )
 
 
@@ -105,27 +105,15 @@ def test_the_case_studies_drop_the_agents_coordinates():
 
 
 def test_where_inputs_drive_every_axis_each_is_dropped():
-    inputs = np.array([[0.0, 0.0], [1.0, 1.0]])
-    problem = ReachAvoidProblem(
-        Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
-        Dynamics(inputs, inputs, np.eye(2), [0.1, 0.1]),
-        TargetSet((0,), lambda p, t: p[:, 0]),
-        (),
-        0.1,
-        1,
-    )
+    problem = zoo.plane([[0.0, 0.0], [1.0, 1.0]], target=TargetSet((0,), lambda p, t: p[:, 0]))
     assert default_subspaces(problem) == ((0,), (1,))
 
 
 def test_an_axis_that_inputs_drive_at_some_time_stays():
     """At t = 0 no input drives anything, later x alone."""
-    problem = ReachAvoidProblem(
-        Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
-        Dynamics([[0.0], [1.0]], lambda q, u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
-        TargetSet((0,), lambda p, t: p[:, 0]),
-        (),
-        0.1,
-        2,
+    problem = zoo.plane(
+        dynamics=Dynamics([[0.0], [1.0]], lambda q, u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
+        target=TargetSet((0,), lambda p, t: p[:, 0]),
     )
     assert default_subspaces(problem) == ((0,),)
 
@@ -138,12 +126,12 @@ def test_an_axis_that_inputs_drive_at_some_time_stays():
         ([(0, 0)], "distinct axes"),
         ([(0, 3)], "0 to 2"),
         ([(0, 1), (1, 0)], "different"),
-        ([0, 1], r"sequence of sequences of axes, .* got \[0, 1\]"),
-        ("01", "sequence of sequences of axes, .* got '01'"),
-        (["01"], "sequence of sequences of axes"),
-        ([[0.5]], r"sequence of sequences of axes, .* got \[\[0.5\]\]"),
-        ([[True]], "sequence of sequences of axes"),
-        (7, "sequence of sequences of axes, .* got 7"),
+        ([0, 1], r"got \[0, 1\]"),
+        ("01", "sequence of sequences of"),
+        (["01"], "sequence of sequences of"),
+        ([[0.5]], "sequence of sequences of"),
+        ([[True]], "sequence of sequences of"),
+        (7, "sequence of sequences of"),
     ],
 )
 def test_subspaces_that_do_not_fit_are_refused(subspaces, said):
@@ -152,16 +140,8 @@ def test_subspaces_that_do_not_fit_are_refused(subspaces, said):
 
 
 def test_a_grid_of_one_axis_has_none_to_drop():
-    one_axis = ReachAvoidProblem(
-        Grid([-1.0], [1.0], [9]),
-        Dynamics([[1.0]], [[1.0]], [[1.0]], [0.1]),
-        TargetSet((0,), lambda p, t: p[:, 0]),
-        (),
-        0.1,
-        1,
-    )
     with pytest.raises(ValueError, match="at least 2 axes"):
-        sdhj.solve(one_axis, "projected")
+        sdhj.solve(zoo.line(), "projected")
 
 
 # ---- projections of sets, and the kernels
@@ -420,13 +400,12 @@ def test_a_subspace_with_all_axes_is_the_full_method():
 def test_dropping_what_nothing_depends_on_costs_nothing():
     """y enters neither the sets nor the velocity of x: the solution on (x) alone is the full one."""
     drift = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
-    problem = ReachAvoidProblem(
-        Grid([-3.0, -1.0], [3.0, 1.0], [41, 7], ends="wall"),
-        Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.5]),
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.7),
-        (UnsafeSet((0,), lambda p, t: 2.0 - p[:, 0]),),
-        0.4,
-        3,
+    problem = zoo.plane(
+        grid=Grid([-3.0, -1.0], [3.0, 1.0], [41, 7], ends="wall"),
+        dynamics=Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.5]),
+        target=zoo.goal(0.0, 0.7),
+        unsafe=(UnsafeSet((0,), lambda p, t: 2.0 - p[:, 0]),),
+        delta=0.4,
     )
     full = solve_quietly(problem, HopfLax())
     inner = solve_quietly(problem, Projected([(0,)], HopfLax()))
@@ -550,13 +529,12 @@ def test_autonomous_dynamics_that_depend_on_kept_coordinates():
     def drift(points, u):
         return np.stack([u[0] - points[:, 0] / 2, np.zeros(len(points))], axis=1)
 
-    problem = ReachAvoidProblem(
-        Grid([-2.0, -1.0], [2.0, 1.0], [41, 9]),
-        Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.1, 0.5]),
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5),
-        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1]) - 0.3),),
-        0.3,
-        2,
+    problem = zoo.plane(
+        grid=Grid([-2.0, -1.0], [2.0, 1.0], [41, 9]),
+        dynamics=Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.1, 0.5]),
+        target=zoo.goal(0.0, 0.5),
+        unsafe=(zoo.post(1.2, 0.0, 0.3),),
+        steps=2,
     )
     assert default_subspaces(problem) == ((0,),) and problem.interval(0).self_contained((0,)) == (0,)
     alone, whole = (problem.interval(0).velocities(2, axes) for axes in ((0,), (0, 1)))
@@ -613,7 +591,7 @@ def test_what_is_written_before_the_recursion_moves_up_with_tubes_that_are_share
 
 def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
     problem = sdhj.evader_case_study(nodes=11, steps=2)
-    with pytest.warns(ProjectionWarning, match="the target depends on p[xy]"):
+    with pytest.warns(ProjectionWarning, match="target depends on p[xy]"):
         table = solve_quietly(problem, "projected")
     assert table.details["projection"]["target_kept"] == [0.0, 0.0]
     assert len(table.details["projection"]["warnings"]) == 2

@@ -9,7 +9,8 @@ import pytest
 from fleet import FLEET
 from naive_certified import CIRCLE, LINE, SMALL, STILL, assert_all_that_follows
 from parameters import but_slow
-from robots import car, random_robot
+from robots import random_robot
+from zoo import car
 
 import sdhj
 

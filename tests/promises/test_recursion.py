@@ -8,7 +8,7 @@ import warnings
 import naive
 import numpy as np
 import pytest
-from toys import interval_problem, torus_problem, unicycle_problem
+from zoo import cart, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, HopfLax, Projected, Scheme
@@ -275,15 +275,15 @@ def test_single_precision_moves_the_shares_by_little():
 @pytest.mark.parametrize(
     ("made", "named"),
     [
-        (lambda: Joint(scheme="hji"), "scheme must be a sdhj.Scheme, .* got 'hji'"),
-        (lambda: HJI(scheme="hji"), "scheme must be a sdhj.Scheme, .* got 'hji'"),
-        (lambda: HJI(scheme={"order": 2}), "scheme must be a sdhj.Scheme"),
-        (lambda: HopfLax(interpolation="foo"), "interpolation must be one of linear, limited, got 'foo'"),
-        (lambda: HopfLax(interpolation=["linear"]), r"interpolation must be one of .*\['linear'\]"),
-        (lambda: HopfLax(dtype="float16"), "dtype must be one of float32, float64, got 'float16'"),
-        (lambda: Projected(inner="lax"), "inner must be a sdhj.HJI or a sdhj.HopfLax, got 'lax'"),
-        (lambda: Projected(inner=Joint()), "inner must be a sdhj.HJI or a sdhj.HopfLax, got Joint"),
-        (lambda: Projected(inner=Projected()), "inner must be a sdhj.HJI"),
+        (lambda: Joint(scheme="hji"), "got 'hji'"),
+        (lambda: HJI(scheme="hji"), "got 'hji'"),
+        (lambda: HJI(scheme={"order": 2}), "must be a sdhj.Scheme"),
+        (lambda: HopfLax(interpolation="foo"), "linear, limited, got 'foo'"),
+        (lambda: HopfLax(interpolation=["linear"]), r"\['linear'\]"),
+        (lambda: HopfLax(dtype="float16"), "float32, float64, got 'float16'"),
+        (lambda: Projected(inner="lax"), "a sdhj.HopfLax, got 'lax'"),
+        (lambda: Projected(inner=Joint()), "a sdhj.HopfLax, got Joint"),
+        (lambda: Projected(inner=Projected()), "must be a sdhj.HJI"),
     ],
 )
 def test_unknown_options_are_named(made, named):
@@ -300,7 +300,7 @@ def test_units_that_cannot_be_meant_are_named(method):
         grid=sdhj.Grid([-2.0], [2.0], [41]),
         dynamics=sdhj.Dynamics(inputs, inputs, [[1.0]], [0.1]),
     )
-    with pytest.raises(ValueError, match=r"cells to be crossed, .* the velocity is up to 1e\+10 .* check their units"):
+    with pytest.raises(ValueError, match=r"is up to 1e\+10"):
         sdhj.solve(problem, method, progress=False)
 
 
@@ -308,7 +308,7 @@ def test_an_unsafe_set_between_the_nodes_is_told():
     """A wall of 0.08 m on nodes 0.2 m apart: no table can know of it."""
     problem = interval_problem(nodes=41, unsafe=False)
     thin = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.7) - 0.04, name="thin")
-    with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'thin'") as told:
+    with pytest.warns(UserWarning, match="the unsafe set 'thin'") as told:
         sdhj.solve(dataclasses.replace(problem, unsafe=(thin,)), "lax", progress=False)
     assert told[0].filename == __file__  # the line that called solve
     wide = dataclasses.replace(thin, level_set=lambda p, t: np.abs(p[:, 0] - 0.7) - 0.2)
@@ -333,15 +333,7 @@ def test_a_table_is_freed_with_its_last_name(method: str) -> None:
 @pytest.mark.parametrize("push", [0.3, 0.9])
 def test_what_is_clear_for_more_steps_is_for_fewer_at_every_node(push: float) -> None:
     """Whatever the scheme's error: without that rule some nodes of this robot are safe for more steps alone."""
-    moved = lambda q, u: np.stack([q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1)  # noqa: E731
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], ends="unsafe"),
-        sdhj.Dynamics([[-1.0], [0.0], [1.0]], moved, [[0.0], [1.0]], [push]),
-        None,
-        [],
-        0.3,
-        6,
-    )
+    problem = cart((-1.0, 0.0, 1.0), push, grid=sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21]), delta=0.3, steps=6)
     table = sdhj.solve(problem, progress=False, play=False)
     tubes = [table.values(start=0, within=n) for n in range(7)]
     assert all((more >= fewer).all() for fewer, more in itertools.pairwise(tubes))

@@ -8,6 +8,7 @@ import judge
 import numpy as np
 import pytest
 from plain import run_plainly
+from zoo import line, post
 
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, UnsafeSet
@@ -205,16 +206,21 @@ def test_what_is_past_a_safe_end_after_the_interval_has_all_margin():
     batch = Controller(table).batch(np.array([[0.9, -0.5], [0.3, -0.5], [0.9, 1.2], [-0.95, -0.5]]), 0)
     assert batch.margins[0, 0] == -np.inf and -np.inf < batch.margins[1, 0] <= 0
     assert batch.promised.tolist() == [True, True, False, False]
-    with pytest.raises(sdhj.NotAdmissible, match="past a safe end, where the task is over"):
+    with pytest.raises(sdhj.NotAdmissible, match="past a safe end"):
         Controller(table).select([1.2, 0.0], 0)
 
 
 @pytest.mark.slow
 def test_one_end_safe_and_the_other_unsafe(monkeypatch):
     """A runner at 1 +- 0.5 to either side, on [0, 4]: only the upper end lets it go, and it must turn in time."""
-    dynamics = Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], np.eye(1), [0.5])
-    gap = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.3, name="gap")
-    problem = ReachAvoidProblem(Grid([0.0], [4.0], (81,), ends=[("unsafe", "safe")]), dynamics, None, (gap,), 0.5, 30)
+    problem = line(
+        (-1.0, 1.0),
+        0.5,
+        grid=Grid([0.0], [4.0], (81,), ends=[("unsafe", "safe")]),
+        target=None,
+        unsafe=[post(1.0, 0.3)],
+        steps=30,
+    )
     for method in sorted(METHODS, key=lambda name: "third" in name):
         if "third" in method:
             run_plainly(monkeypatch)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import judge
 import numpy as np
 import pytest
-from toys import interval_problem
+from zoo import cart, interval_problem, line
 
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, UnsafeSet
@@ -18,12 +18,8 @@ INPUTS = np.array([[-BRAKE], [0.0], [BRAKE]])
 
 def double_integrator(steps=None, disturbance=0.0, nodes=(51, 51)):
     """A cart that must stay on |x| <= 1; |v| <= 4 is more than it can brake from."""
-
-    def drift(points, u):
-        return np.stack([points[:, 1], np.full(len(points), u[0])], axis=1)
-
     grid = Grid([-1.0, -4.0], [1.0, 4.0], nodes, names=["x", "v"])
-    return ReachAvoidProblem(grid, Dynamics(INPUTS, drift, [[0.0], [1.0]], [disturbance]), None, (), DELTA, steps)
+    return cart(INPUTS, disturbance, grid=grid, steps=steps)
 
 
 def too_far(states, disturbance=0.0):
@@ -96,7 +92,7 @@ def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
     table = sdhj.solve(double_integrator(steps=30, nodes=(101, 101)), progress=False)
     controller = Controller(table)
     assert controller.steps_to_go([0.0, 0.0], 0) == 30 and controller.steps_to_go([0.9, 2.0], 0) is None
-    with pytest.raises(sdhj.NotAdmissible, match="stay clear for 30 steps"):
+    with pytest.raises(sdhj.NotAdmissible, match="clear for 30 steps"):
         controller.select([0.9, 2.0], 0)
     assert controller.safe_inputs([0.0, 2.3], 0).tolist() == [0]  # brake
     assert controller.filter([0.0, 2.3], 0, 2).inputs == 0
@@ -121,9 +117,8 @@ def test_certified_carts_never_leave(steps, rng):
 def test_what_leaves_over_a_safe_end_is_out_of_danger():
     """A runner at speed 1 ahead of a wall that closes in from below at 0.8: who reaches the end is safe."""
     grid = Grid([0.0], [4.0], [81], ends=[("unsafe", "safe")])
-    dynamics = Dynamics([[0.0], [1.0]], [[0.0], [1.0]], np.eye(1), [0.0])
     wall = UnsafeSet((0,), lambda p, t: p[:, 0] - 0.8 * t, name="wall")
-    problem = ReachAvoidProblem(grid, dynamics, None, (wall,), 0.25, 20)
+    problem = line((0.0, 1.0), 0.0, grid=grid, target=None, unsafe=(wall,), delta=0.25, steps=20)
     table = sdhj.solve(problem, "lax", progress=False)
     report = sdhj.monte_carlo(Controller(table), 500, "none", progress=False)
     assert report.counts["reached"] == 500 and report.steps.max() < 20
@@ -163,8 +158,8 @@ def test_what_moves_has_no_sets_for_ever():
         Dynamics([[0.0]], [[0.0]], np.eye(1), [0.1]),
         UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.1),
     )
-    with pytest.raises(ValueError, match="depend on time; give a number of steps"):
-        ReachAvoidProblem(Grid([-1.0], [1.0], [11], ends="wall"), still, None, (moving,), 0.1, None)
+    with pytest.raises(ValueError, match="depend on time; give"):
+        line(dynamics=still, target=None, unsafe=(moving,), steps=None)
 
 
 def test_certificates_for_ever():

@@ -8,7 +8,7 @@ from functools import cache
 import naive_sensing
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
@@ -22,7 +22,7 @@ PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05, memory=False)
 @cache
 def interval_tables(sensing, **options):
     """The robot on a line, solved with and without sensing."""
-    problem = toys.interval_problem(nodes=161, **options)
+    problem = zoo.interval_problem(nodes=161, **options)
     return tuple(sdhj.solve(replace(problem, sensing=told), progress=False) for told in (sensing, Sensing()))
 
 
@@ -46,12 +46,10 @@ def closed_form(sensing, n, b=0.2, delta=0.5):
 @pytest.mark.parametrize(("method", "off"), [(EXACT, 1e-5), ("hji", 0.005), (sdhj.Certified(cells=[1600]), 0.006)])
 def test_the_closed_form(sensing, method, off):
     """Level sets are straight but at kinks that lie deep inside: exact; for differences to a tenth of a cell."""
-    problem = replace(toys.interval_problem(nodes=161), sensing=sensing)
+    problem = replace(zoo.interval_problem(nodes=161), sensing=sensing)
     if sensing.jitter and method is EXACT:
         for refused in (method, Projected([(0,)], EXACT)):
-            with pytest.raises(
-                ValueError, match=r'"lax" has no formula for intervals that end early.* use method="hji"'
-            ):
+            with pytest.raises(ValueError, match="intervals that end early"):
                 sdhj.solve(problem, refused, progress=False)
         return
     table = sdhj.solve(problem, method, progress=False)
@@ -64,7 +62,7 @@ def test_the_closed_form(sensing, method, off):
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[1600])], ids=["hji", "certified"])
 def test_who_has_arrived_is_clear_at_every_instant_of_the_jitter(method):
     """The wall is at 0.9 - 0.4 t and the input may start 0.1 s late: at t_1 = 0.5 s a state needs to be below 0.66."""
-    problem = toys.interval_problem(nodes=161, wall=0.9, rate=-0.4, disturbance=0.0)
+    problem = zoo.interval_problem(nodes=161, wall=0.9, rate=-0.4, disturbance=0.0)
     for jitter, wall in ((0.0, 0.7), (0.1, 0.66)):
         table = sdhj.solve(replace(problem, sensing=Sensing(jitter=jitter, memory=False)), method, play=False)
         assert table.contains([[wall - 0.01], [wall + 0.01]], start=1, within=0).tolist() == [True, False]
@@ -78,7 +76,7 @@ REST = 2  # the input +1 is held until the first chosen one starts
 def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
     """dq = u + v: the prediction y + d u_rest has to be in M^n, which is W^n enlarged by E."""
     sensing, b, n = Sensing(0.03, delay, rest=REST, memory=False), 0.2, 5
-    table = sdhj.solve(replace(toys.interval_problem(nodes=161), sensing=sensing), method, play=False)
+    table = sdhj.solve(replace(zoo.interval_problem(nodes=161), sensing=sensing), method, play=False)
     controller, (half, box) = Controller(table), closed_form(sensing, n)
     boundary = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
     inward = np.array([[0.01], [-0.01]])
@@ -114,7 +112,7 @@ def test_a_wall_and_an_unsafe_end_keep_twice_the_box_away():
     cut, box = interval_tables(PLAYED, wall=1.2)[0], closed_form(PLAYED, 0)[1]
     edge = 1.2 - 2 * box
     assert cut.contains([[edge - 0.005], [edge + 0.005]], start=0, within=5).tolist() == [True, False]
-    problem = replace(toys.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97]), sensing=PLAYED)
+    problem = replace(zoo.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97]), sensing=PLAYED)
     for method, told in ((EXACT, replace(PLAYED, jitter=0.0)), ("hji", PLAYED)):
         table = sdhj.solve(replace(problem, sensing=told), method, progress=False)
         places = [[edge - 0.01], [edge + 0.01], [0.01 - edge], [-0.01 - edge]]
@@ -175,7 +173,7 @@ def test_the_slow_twin(ndim, error, delay, ticks):
 
 @pytest.mark.parametrize("method", [EXACT, Projected([(0,)], EXACT)], ids=["lax", "projected"])
 def test_more_of_anything_never_enlarges_a_set(method):
-    problem = toys.torus_problem(nodes=16, steps=2)
+    problem = zoo.torus_problem(nodes=16, steps=2)
     problem = replace(problem, unsafe=(UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5),))
     chain = [
         Sensing(),
@@ -195,7 +193,7 @@ def test_more_of_anything_never_enlarges_a_set(method):
 
 def test_a_subspace_that_keeps_everything_is_the_whole():
     target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
-    problem = replace(toys.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, memory=False))
+    problem = replace(zoo.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, memory=False))
     full, same = (sdhj.solve(problem, method, progress=False) for method in (EXACT, Projected([(0, 1)], EXACT)))
     for n in range(3):
         np.testing.assert_array_equal(same.values(start=0, within=n), full.values(start=0, within=n))
@@ -203,7 +201,7 @@ def test_a_subspace_that_keeps_everything_is_the_whole():
 
 def test_a_delay_is_an_error_that_is_known_and_a_later_clock():
     """The tubes are those of the larger box, for sets as they are when the input starts."""
-    problem, late = toys.torus_problem(nodes=16, steps=2), 0.05
+    problem, late = zoo.torus_problem(nodes=16, steps=2), 0.05
 
     def later(part):
         return replace(part, level_set=lambda p, t: part.level_set(p, t + late))
@@ -220,18 +218,14 @@ def test_a_delay_is_an_error_that_is_known_and_a_later_clock():
 
 def integrator(sensing=Sensing(), nodes=(31, 31)):  # noqa: B008 - frozen
     """dx = v, dv = u + w, |w| <= 0.1."""
-    levels = [[-1.0], [0.0], [1.0]]
-
-    def drift(points, u):
-        return np.stack([points[:, 1], np.full(len(points), u[0])], axis=1)
-
-    return ReachAvoidProblem(
-        Grid([-1.5, -1.5], [1.5, 1.5], nodes, ends="wall"),
-        Dynamics(levels, drift, [[0.0], [1.0]], [0.1]),
-        TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0]), np.abs(p[:, 1])) - 0.6),
-        (UnsafeSet((0,), lambda p, t: 1.3 - p[:, 0], name="wall"),),
-        0.4,
-        4,
+    return zoo.cart(
+        (-1.0, 0.0, 1.0),
+        0.1,
+        grid=Grid([-1.5, -1.5], [1.5, 1.5], nodes, ends="wall"),
+        target=TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0]), np.abs(p[:, 1])) - 0.6),
+        unsafe=(UnsafeSet((0,), lambda p, t: 1.3 - p[:, 0], name="wall"),),
+        delta=0.4,
+        steps=4,
         sensing=sensing,
     )
 
@@ -247,7 +241,7 @@ def test_the_box_of_a_double_integrator():
 def test_states_stay_in_the_box_around_their_predictions():
     """A car under the corners of its disturbance; between the nodes the sine is a little steeper than between two."""
     sensing = Sensing((0.02, 0.02, 0.1), 0.1, memory=False)
-    problem = replace(toys.unicycle_problem(), sensing=sensing, target=TargetSet((0,), lambda p, t: p[:, 0] - 1.0))
+    problem = replace(zoo.unicycle_problem(), sensing=sensing, target=TargetSet((0,), lambda p, t: p[:, 0] - 1.0))
     box, rng, count = problem.half_widths[0], np.random.default_rng(1), 2000
     steepness = np.pi / 16 / np.sin(np.pi / 16)
     states = rng.uniform([-1, -1, -3], [1, 1, 3], (count, 3))
@@ -278,7 +272,7 @@ def test_no_run_is_lost_and_without_sensing_some_are(adversary, rule):
 @pytest.mark.slow
 def test_staying_clear_of_unsafe_ends():
     """Without a target too: no run is lost, and without sensing some are."""
-    problem = replace(toys.interval_problem(unsafe=False), target=None, grid=Grid([-1.2], [1.2], [97]))
+    problem = replace(zoo.interval_problem(unsafe=False), target=None, grid=Grid([-1.2], [1.2], [97]))
     proof = sdhj.Certified(cells=[960])
     sure, plain = (sdhj.solve(replace(problem, sensing=told), proof, progress=False) for told in (PLAYED, Sensing()))
     assert 0.5 < sure.fraction(start=0, within=5) < plain.fraction(start=0, within=5)
@@ -355,7 +349,7 @@ def ticking(pipe, delta, jitter, count):
 def test_a_loop_against_a_real_clock():
     """10,000 instants, 2 ms apart, in a process of their own: the missed ones are counted, no more and no fewer."""
     delta, jitter, count = 0.002, 0.0004, 10_000
-    problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter, memory=False))
+    problem = replace(zoo.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter, memory=False))
     controller = Controller(sdhj.solve(problem, progress=False))
     controller.step([0.0], 0.0)  # compiled
     here, there = multiprocessing.get_context("spawn").Pipe()
@@ -386,7 +380,7 @@ def test_a_loop_falls_back_or_says_so():
 @pytest.mark.parametrize("has_no_target", [False, True], ids=["a target", "staying clear"])
 def test_at_the_last_step_a_loop_hears_whether_it_has_arrived(has_no_target):
     """The target is about (0.2 t - 1, 0): at step 2, after 0.4 s, (-0.92, 0) is in it and (2, 2) is not."""
-    problem = toys.torus_problem(steps=2)
+    problem = zoo.torus_problem(steps=2)
     problem = replace(problem, target=None) if has_no_target else problem
     problem = replace(problem, sensing=Sensing(rest=REST))
     controller = Controller(sdhj.solve(problem, EXACT, progress=False))
@@ -416,14 +410,7 @@ def test_a_prediction_makes_no_grid(monkeypatch):
 @pytest.mark.parametrize("method", [sdhj.HJI(), sdhj.Certified(cells=[200])], ids=["hji", "certified"])
 def test_a_loop_keeps_to_the_steps_that_were_promised(method):
     """Gusts are the stronger: whoever stays clear for four steps does so for three after the first, not for four."""
-    problem = sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-1.0], [1.0], [81]),
-        dynamics=sdhj.Dynamics([[-0.5], [0.5]], [[-0.5], [0.5]], [[1.0]], [1.0]),
-        target=None,
-        unsafe=[],
-        delta=0.2,
-        steps=4,
-    )
+    problem = zoo.line((-0.5, 0.5), 1.0, grid=sdhj.Grid([-1.0], [1.0], [81]), target=None, delta=0.2, steps=4)
     table = sdhj.solve(problem, method, play=False)
     controller, q = sdhj.Controller(table), 0.57
     assert table.contains([[q]], start=0)[0] and not table.contains([[q + 0.1]], start=0)[0]
@@ -440,7 +427,7 @@ def test_a_prediction_is_the_measurement_moved_on():
     np.testing.assert_allclose(controller.predict([1.0], 2), [1.2])
     np.testing.assert_allclose(controller.predict([1.0]), [0.8])  # the rest input, number 0
     np.testing.assert_allclose(controller.predict([[1.0], [3.9]], [1, 2]), [[1.0], [4.0]])  # held at the wall
-    assert Controller(toys.interval_table()).predict([1.0], 2).tolist() == [1.0]
+    assert Controller(zoo.interval_table()).predict([1.0], 2).tolist() == [1.0]
 
 
 @pytest.mark.parametrize("sensing", [Sensing(), PLAYED])
@@ -448,7 +435,7 @@ def test_a_prediction_is_the_measurement_moved_on():
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[60])])
 def test_nothing_is_promised_to_a_state_that_is_off_the_grid(sensing, ends, method):
     """A measurement may be off the grid by its error, no more: then the state is, which no tube contains."""
-    problem = replace(toys.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97], ends=ends), sensing=sensing)
+    problem = replace(zoo.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97], ends=ends), sensing=sensing)
     controller = Controller(sdhj.solve(replace(problem, steps=4), method, progress=False))
     may, off = 1.2 + sensing.error, 1.2 + sensing.error + 1e-3
     assert controller.predict([may], 0)[0] <= 1.2 and controller.predict([-may], 0)[0] >= -1.2
@@ -466,30 +453,30 @@ def test_nothing_is_promised_to_a_state_that_is_off_the_grid(sensing, ends, meth
 @pytest.mark.parametrize(
     ("sensing", "told"),
     [
-        ({"error": -0.1}, "error must be at least 0"),
-        ({"error": [0.1, 0.1]}, "error must be one number or 1"),
-        ({"error": "much"}, "error must be a number"),
-        ({"delay": 0.6}, "delay \\+ 2 jitter must be at most delta, 0.5 s"),
-        ({"jitter": 0.3}, "delay \\+ 2 jitter must be at most delta, 0.5 s"),
-        ({"delay": 0.4, "jitter": 0.1}, "delay \\+ 2 jitter must be at most delta"),
-        ({"error": 0.6}, "known to within \\[0.6\\] only"),
-        ({"delay": 0.1, "rest": 3}, "rest must be a whole number from 0 to 2"),
+        ({"error": -0.1}, "be at least 0"),
+        ({"error": [0.1, 0.1]}, "one number or 1"),
+        ({"error": "much"}, "must be a number"),
+        ({"delay": 0.6}, "most delta, 0.5 s"),
+        ({"jitter": 0.3}, "most delta, 0.5 s"),
+        ({"delay": 0.4, "jitter": 0.1}, r"delay \+ 2 jitter"),
+        ({"error": 0.6}, r"known to within \[0.6\]"),
+        ({"delay": 0.1, "rest": 3}, "whole number from 0"),
     ],
 )
 def test_what_is_refused(sensing, told):
     with pytest.raises(ValueError, match=told):
-        replace(toys.interval_problem(), sensing=Sensing(**sensing, memory=False))
+        replace(zoo.interval_problem(), sensing=Sensing(**sensing, memory=False))
 
 
 def test_what_is_refused_of_problems():
-    problem = toys.interval_problem()
-    with pytest.raises(ValueError, match=r"sensing must be a sdhj\.Sensing"):
+    problem = zoo.interval_problem()
+    with pytest.raises(ValueError, match=r"must be a sdhj\.Sensing"):
         replace(problem, sensing=0.1)
     drift = sdhj.Dynamics(problem.inputs, lambda points, u, t: u + 0.1 * np.sin(t) + 0.0 * points, [[1.0]], [0.2])
     moving = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.1 * t) - 1.0)
     for other in ({"view_time": "instantaneous"}, {"dynamics": drift}, {"target": moving}):
         replace(problem, **other, sensing=Sensing(0.01, 0.02, memory=False))
-        with pytest.raises(ValueError, match="with jitter sampling times are uncertain"):
+        with pytest.raises(ValueError, match="sampling times are uncertain"):
             replace(problem, **other, sensing=Sensing(jitter=0.1, memory=False))
     with pytest.raises(ValueError, match='may be "safe"'):
         staying = replace(problem, target=None, grid=Grid([-4.0], [4.0], [81], ends="safe"))
@@ -516,12 +503,12 @@ def test_runs_follow_the_steps_of_the_table():
 def test_what_a_loop_and_an_adversary_may_not_say():
     controller = Controller(interval_tables(PLAYED)[0])
     for previous in (3, -1, 0.5, [0, 1], "left"):
-        with pytest.raises(ValueError, match="previous must be an index from 0 to 2"):
+        with pytest.raises(ValueError, match="from 0 to 2"):
             controller.predict([1.0], previous)
-    with pytest.raises(ValueError, match="a measurement must have shape"):
+    with pytest.raises(ValueError, match="measurement must have shape"):
         controller.predict([1.0, 2.0])
     with pytest.raises(ValueError, match="answer depends on time"):
-        Controller(sdhj.solve(toys.torus_problem(steps=1), EXACT, progress=False)).predict([0.0, 0.0])
+        Controller(sdhj.solve(zoo.torus_problem(steps=1), EXACT, progress=False)).predict([0.0, 0.0])
 
     class Own:
         def __call__(self, moment):
@@ -533,7 +520,7 @@ def test_what_a_loop_and_an_adversary_may_not_say():
         def shift(self, moment):
             return np.full(len(moment.states), 2)
 
-    with pytest.raises(ValueError, match="must return -1, 0 or 1"):
+    with pytest.raises(ValueError, match="-1, 0 or 1"):
         sdhj.simulate(controller, [-1.7], Own())
     Own.mislead = lambda self, sight: sight.states.fill(0.0)
     with pytest.raises(ValueError, match="read-only"):
@@ -542,7 +529,7 @@ def test_what_a_loop_and_an_adversary_may_not_say():
 
 def test_a_problem_that_senses_is_another_one():
     """All of it counts, and what senses exactly is what it was."""
-    problem = toys.torus_problem(nodes=16, steps=2)
+    problem = zoo.torus_problem(nodes=16, steps=2)
     told = [
         Sensing(),
         Sensing(0.01, memory=False),
@@ -572,7 +559,7 @@ def test_a_file_knows_what_it_was_solved_for(tmp_path):
 @pytest.mark.parametrize(("error", "delay"), [(0.05, 0.0), (0.05, 0.1)])
 def test_what_inputs_lead_to_reckons_with_the_error_now_and_at_the_next_step(error: float, delay: float) -> None:
     """Without a memory: twice E = error + delay times the push; the controller looks up no less."""
-    exact = toys.interval_problem()
+    exact = zoo.interval_problem()
     sensed = replace(exact, sensing=sdhj.Sensing(error, delay, memory=False))
     boxes = [one.interval(0).displacement_sets(np.zeros((1, 1)))[:2, :, 0, 0] for one in (exact, sensed)]
     wider = 2 * (error + 0.2 * delay)  # |v| <= 0.2

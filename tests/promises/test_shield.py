@@ -6,7 +6,7 @@ from typing import Any
 import judge
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 import sdhj.table.controller
@@ -22,21 +22,15 @@ MOST, ENDS, FASTEST = 0.5, 0.9, 0.8  # of the adversary's acceleration, m/s^2; o
 
 def skater_problem(steps: int = 10) -> sdhj.ReachAvoidProblem:
     """A double integrator that must stay within 0.9 m and 0.8 m/s; accelerations of -3 to 3 m/s^2, held for 0.1 s."""
-    pushes = np.linspace(-3.0, 3.0, 7)[:, None]
-    return sdhj.ReachAvoidProblem(
+    return zoo.cart(
+        np.linspace(-3.0, 3.0, 7),
+        MOST,
         grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [41, 41]),
-        dynamics=sdhj.Dynamics(
-            pushes,
-            lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1),
-            [[0.0], [1.0]],
-            [MOST],
-        ),
         target=sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.4),
         unsafe=(
             sdhj.UnsafeSet((0,), lambda p, t: ENDS - np.abs(p[:, 0]), name="ends"),
             sdhj.UnsafeSet((1,), lambda p, t: FASTEST - np.abs(p[:, 0]), name="speed"),
         ),
-        delta=0.1,
         steps=steps,
     )
 
@@ -79,7 +73,7 @@ def skated(choose: Any, starts: np.ndarray, steps: int, rng: np.random.Generator
 
 def test_fallback_on_the_line_is_the_closed_form() -> None:
     """Unsafe is q >= 3: after 0.5 s input u may have led 0.5 (u + 0.2) towards it, and was never nearer than that."""
-    table = toys.interval_table()
+    table = zoo.interval_table()
     controller = Controller(table)
     for q in (-3.9, -2.0, 2.0, 2.89, 2.95, 3.2):
         hazards = [q + max(0.0, 0.5 * (u + 0.2)) - 3.0 for u in (-1, 0, 1)]
@@ -93,7 +87,7 @@ def test_fallback_on_the_line_is_the_closed_form() -> None:
 
 
 def test_where_nothing_is_unsafe_the_fallback_leads_back() -> None:
-    problem = toys.interval_problem(unsafe=False)
+    problem = zoo.interval_problem(unsafe=False)
     controller = Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), progress=False))
     for q, expected in ((3.9, 0), (-3.9, 2)):
         told = controller.fallback([q], 0)
@@ -102,12 +96,12 @@ def test_where_nothing_is_unsafe_the_fallback_leads_back() -> None:
 
 
 def test_off_the_grid_nothing_is_promised_but_by_rounding() -> None:
-    for table, rounding in ((toys.interval_table(), 1e-9), (line_certified(), 5e-11)):
+    for table, rounding in ((zoo.interval_table(), 1e-9), (line_certified(), 5e-11)):
         states = np.array([[-4.0 - rounding], [-4.0], [-4.001], [9.0]])
         chosen, steps, _ = fallbacks(table, states, 0)
         assert steps.tolist() == [1, 1, 0, 0] and chosen[3] == 0
     states = np.array([[7.0, 0.5], [0.7, -9.0]])  # of periodic axes no state is
-    table = toys.torus_table()
+    table = zoo.torus_table()
     again = states + 2 * np.pi * np.array([[1, 0], [0, -2]])
     for one, other in zip(fallbacks(table, states, 0), fallbacks(table, again, 0), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
@@ -115,7 +109,7 @@ def test_off_the_grid_nothing_is_promised_but_by_rounding() -> None:
 
 @cache
 def line_certified() -> Table:
-    return sdhj.solve(toys.interval_problem(), Certified((80,)), progress=False)
+    return sdhj.solve(zoo.interval_problem(), Certified((80,)), progress=False)
 
 
 def test_hazards_of_a_certified_table_are_what_it_proves(rng: np.random.Generator) -> None:
@@ -170,7 +164,7 @@ def test_the_arms_proof_says_where_it_is_clear(rng: np.random.Generator) -> None
 
 def test_filter_on_the_line_is_the_closed_form() -> None:
     """Safe is what stays below 3 for certain and leaves the target within four steps; inputs -1, 0 and 1."""
-    controller = Controller(toys.interval_table())
+    controller = Controller(zoo.interval_table())
     kept = controller.filter([2.2], 0, 2)  # 2.2 + 0.6 < 3, but then the target is 1.8 away, and four steps are 1.6
     assert (kept.inputs, kept.changed, kept.overruled, kept.promised, kept.fallback) == (1, True, True, True, False)
     assert controller.filter([1.9], 0, 2).inputs == 2  # two steps would be the fewest, and moving away is none of them
@@ -184,7 +178,7 @@ def test_filter_on_the_line_is_the_closed_form() -> None:
     assert lost.inputs == controller.fallback([-3.95], 0).input
 
 
-@pytest.mark.parametrize("make", [toys.torus_table, line_certified, toys.interval_table])
+@pytest.mark.parametrize("make", [zoo.torus_table, line_certified, zoo.interval_table])
 def test_filter_gives_the_nearest_safe_input(make: Any, rng: np.random.Generator) -> None:
     """Against plain loops over what the table says, for indices and for commands, of one state and of many.
 
@@ -231,13 +225,13 @@ def test_filter_gives_the_nearest_safe_input(make: Any, rng: np.random.Generator
 def test_a_cell_of_the_value_is_the_gradient_s_in_any_units() -> None:
     """Of a distance on nodes .05 m and .2 m apart that grows along (3, 4) / 5: hypot(.05 * .6, .2 * .8) m."""
     for unit in (1.0, 1e-3, 1e3):
-        problem = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-2 * unit, -2 * unit], [2 * unit, 2 * unit], [81, 21]),
-            sdhj.Dynamics([[0.0, 0.0]], [[0.0, 0.0]], np.eye(2), [0.0, 0.0]),
-            sdhj.TargetSet((0, 1), lambda p, t: 0.6 * p[:, 0] + 0.8 * p[:, 1]),
-            (),
-            0.1,
-            1,
+        problem = zoo.plane(
+            [[0.0, 0.0]],
+            0.0,
+            grid=sdhj.Grid([-2 * unit, -2 * unit], [2 * unit, 2 * unit], [81, 21]),
+            target=sdhj.TargetSet((0, 1), lambda p, t: 0.6 * p[:, 0] + 0.8 * p[:, 1]),
+            delta=0.1,
+            steps=1,
         )
         cell = sdhj.solve(problem, play=False, progress=False).change_over_cell
         assert cell == pytest.approx(np.hypot(0.05 * 0.6, 0.2 * 0.8) * unit, rel=1e-3)
@@ -268,13 +262,12 @@ def test_a_random_policy_behind_the_arm_s_filter(monkeypatch: pytest.MonkeyPatch
 
 def test_of_inputs_with_one_command_the_index_is_kept() -> None:
     twice = [[0.0], [1.0], [1.0], [-1.0]]
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0], [2.0], [41]),
-        sdhj.Dynamics(twice, twice, [[0.0]], [0.0]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.5),
-        (),
-        0.1,
-        2,
+    problem = zoo.line(
+        grid=sdhj.Grid([-2.0], [2.0], [41]),
+        dynamics=sdhj.Dynamics(twice, twice, [[0.0]], [0.0]),
+        target=zoo.goal(0.0, 1.5),
+        delta=0.1,
+        steps=2,
     )
     controller = Controller(sdhj.solve(problem, progress=False))
     for wanted in range(4):
@@ -284,34 +277,34 @@ def test_of_inputs_with_one_command_the_index_is_kept() -> None:
 @pytest.mark.parametrize(
     ("q", "step", "wanted", "said"),
     [
-        ([0.0], 0, 3, "indices from 0 to 2, got \\[3\\]"),
-        ([0.0], 0, -1, "indices from 0 to 2"),
-        ([0.0], 0, 1.0, r"the index of an input, from 0 to 2, or a command of 1 number, such as .*; got 1\.0$"),
+        ([0.0], 0, 3, "0 to 2, got"),
+        ([0.0], 0, -1, "from 0 to 2"),
+        ([0.0], 0, 1.0, "command of 1 number"),
         ([0.0], 0, True, "got True"),
         ([0.0], 0, [0.0, 1.0], r"got \[0\.0, 1\.0\]"),
-        ([[0.0], [1.0]], 0, [1], "array of int of shape \\(2,\\)"),
+        ([[0.0], [1.0]], 0, [1], r"int of shape \(2,\)"),
         ([[0.0], [1.0]], 0, [[1], [np.nan]], "wanted has a NaN"),
-        ([0.0], 5, 1, "step must be a whole number from 0 to 4, got 5"),
-        ([0.0, 0.0], 0, 1, "states must have shape \\(M, 1\\)"),
+        ([0.0], 5, 1, "0 to 4, got"),
+        ([0.0, 0.0], 0, 1, r"have shape \(M, 1\)"),
         ([np.nan], 0, 1, "states has a NaN"),
     ],
 )
 def test_what_is_no_command_is_refused(q: Any, step: int, wanted: Any, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        Controller(toys.interval_table()).filter(q, step, wanted)
+        Controller(zoo.interval_table()).filter(q, step, wanted)
 
 
 @pytest.mark.parametrize(
     ("q", "step", "said"),
     [
-        ([0.0], 5, "step must be a whole number from 0 to 4"),
-        ([[0.0]], 0, "a state must have shape \\(1,\\)"),
-        ([np.inf], 0, "a state has a NaN or an infinity"),
+        ([0.0], 5, "whole number from 0"),
+        ([[0.0]], 0, r"must have shape \(1,\)"),
+        ([np.inf], 0, "NaN or an infinity"),
     ],
 )
 def test_what_is_no_state_has_no_fallback(q: Any, step: int, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        Controller(toys.interval_table()).fallback(q, step)
+        Controller(zoo.interval_table()).fallback(q, step)
 
 
 def commander(table: Table, rng: np.random.Generator, seen: list[Any]) -> Any:

@@ -588,11 +588,11 @@ def test_what_is_not_known_is_refused_in_words(name):
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (lambda p, t: p, r"shape \(M,\), got \(M, 2\)"),
+        (lambda p, t: p, r"\(M,\), got \(M, 2\)"),
         (lambda p, t: p[:, :1], r"got \(M, 1\)"),
-        (lambda p, t: t, r"must return shape \(M,\), got \(\)"),
+        (lambda p, t: t, r"return shape \(M,\), got"),
         (lambda p, t: None, "return missing"),
-        (lambda p, t: np.hypot(p[0], p[1]), r"got \(2,\); .*column k is points\[:, k\]"),
+        (lambda p, t: np.hypot(p[0], p[1]), r"column k is points\["),
     ],
 )
 def test_answers_of_another_shape_are_refused(function, words):
@@ -682,10 +682,10 @@ def test_formulas_are_called_with_all_that_they_read():
     disk = Formula.read("disk", lambda p, t: np.hypot(p[:, 0] - t, p[:, 1]), 2, "t")
     several = (POINTS, T, T), (POINTS, [1.0]), (POINTS, np.array([1.0])), (POINTS, np.zeros((2, 0)))
     for given in [(POINTS,), (POINTS[:, :1], T), (POINTS[0], T), (np.hstack([POINTS, POINTS]), T), *several]:
-        with pytest.raises(ValueError, match=r"disk is a function of points \(M, 2\) and 1 more, .* first; got"):
+        with pytest.raises(ValueError, match=r"2\) and 1 more"):
             disk(*given)
     assert disk(POINTS, np.array(T)).shape == (len(POINTS),)
-    with pytest.raises(ValueError, match=r"\(M, 1\) alone; got .* points\[:, :1\] is a column as points"):
+    with pytest.raises(ValueError, match=r"\(M, 1\) alone; got"):
         nodes_of(lambda p, t: gridded([0.0, 1.0], [0.0], [1.0])(p[:, 0]))
     with pytest.raises(ValueError, match="disk is a function"):
         nodes_of(lambda p, t: disk(p[:, :1], t))

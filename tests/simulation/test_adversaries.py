@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
 from sdhj.simulation.adversaries import ADVERSARIES, Moment, greedy, level_of_unsafe
@@ -42,7 +42,7 @@ def test_random_is_constant_over_an_interval_and_fills_its_box() -> None:
         drawn.append((m.substep, ADVERSARIES["random"](m)))
         return drawn[-1][1]
 
-    monte_carlo(Controller(toys.interval_table()), 500, watch, progress=False)
+    monte_carlo(Controller(zoo.interval_table()), 500, watch, progress=False)
     starts = [place for place, (substep, _) in enumerate(drawn) if substep == 0]
     assert len(starts) >= 3
     for place in starts:
@@ -83,12 +83,9 @@ def test_greedy_takes_the_vertex_that_comes_nearest(rng: np.random.Generator) ->
 
 def test_what_is_nearest_is_a_set_or_an_unsafe_end() -> None:
     assert level_of_unsafe(drone(), np.array([[2000.0, 0.0]]), 0.0, np.array([0])) == np.inf
-    joint = sdhj.ReachAvoidProblem(
+    joint = zoo.cart(
         grid=sdhj.Grid([-1, -2], [1, 2], [21, 21], ends=["unsafe", "wall"]),
         dynamics=sdhj.Dynamics([[0.0]], [[0.0, 0.0]]),
-        target=None,
-        unsafe=[],
-        delta=0.02,
         steps=1,
     )
     near = level_of_unsafe(joint, np.array([[0.75, 0.0], [-1.5, 0.0]]), 0.0, np.array([0, 0]))
@@ -96,7 +93,7 @@ def test_what_is_nearest_is_a_set_or_an_unsafe_end() -> None:
 
 
 def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:
-    controller = Controller(toys.torus_table())
+    controller = Controller(zoo.torus_table())
     problem = controller.problem
     states = np.random.default_rng(4).uniform(-np.pi, np.pi, (200, 2))
     now = moment(controller, states)
@@ -107,7 +104,7 @@ def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:
     }
     chosen = problem.unsafe_value(states + now.duration * v, now.time)
     # trials move one component at a time: off by second order, for steps of 0.004 on circles of radius 0.1 and more
-    near = np.hypot(*toys.wrapped(states - [1.0, 0.0]).T) > 0.1
+    near = np.hypot(*zoo.wrapped(states - [1.0, 0.0]).T) > 0.1
     assert (chosen <= np.minimum.reduce(list(distance.values())) + 0.004**2 / 0.1)[near].all()
     assert near.sum() > 190
 
@@ -138,7 +135,7 @@ def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) 
 
 def test_worst_takes_the_vertex_with_the_worst_score() -> None:
     """Scores of all four vertices, by the table's interpolation and the distance to the first order in v."""
-    controller = Controller(toys.torus_table())
+    controller = Controller(zoo.torus_table())
     problem = controller.problem
     states = admissible_states(controller, 100, np.random.default_rng(2))
     now = moment(controller, states)
@@ -160,7 +157,7 @@ def test_worst_takes_the_vertex_with_the_worst_score() -> None:
 
 def slipping_controller() -> Controller:
     """The torus with a second component of v that grows with the input and a box that shrinks with time."""
-    problem = toys.torus_problem(nodes=16)
+    problem = zoo.torus_problem(nodes=16)
     dynamics = sdhj.Dynamics(
         problem.inputs,
         problem.inputs,
@@ -209,7 +206,7 @@ def test_random_stays_within_a_box_that_shrinks() -> None:
 
 def test_worst_takes_the_least_clearance_where_the_tube_tells_nothing() -> None:
     """A certified table counts whole steps, so that all vertices may leave the robot equally well off."""
-    controller = Controller(toys.torus_table())
+    controller = Controller(zoo.torus_table())
     states = admissible_states(controller, 100, np.random.default_rng(2))
     now = moment(controller, states, tube=lambda points: np.zeros(points.shape[:2]))
     problem, end = controller.problem, controller.problem.delta
@@ -224,7 +221,7 @@ def test_worst_takes_the_least_clearance_where_the_tube_tells_nothing() -> None:
 
 @pytest.mark.slow
 def test_worst_may_switch_within_an_interval() -> None:
-    controller = Controller(toys.arm_table())
+    controller = Controller(zoo.arm_table())
     starts = admissible_states(controller, 40, np.random.default_rng(5))
     switches = 0
     for q in starts:
@@ -237,7 +234,7 @@ def test_worst_may_switch_within_an_interval() -> None:
 
 
 def test_own_adversary_is_told_everything_and_kept_to_its_box() -> None:
-    controller = Controller(toys.interval_table())
+    controller = Controller(zoo.interval_table())
     seen: list[Moment] = []
 
     def mine(m: Moment) -> np.ndarray:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.simulation.adversaries import SUBSTEPS, first_moment
@@ -19,18 +20,19 @@ def room(speed=20.0, radius=0.15, *, height=0.0, periodic=False):
         return np.hypot(x, p[:, 1] - height) - radius
 
     steps = [[0.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], periodic=[periodic, False]),
-        sdhj.Dynamics(steps, steps, np.eye(2), [0.05, 0.05]),
-        sdhj.TargetSet((0, 1), lambda p, t: 1.5 - p[:, 1]),
-        [sdhj.UnsafeSet((0, 1), ball)],
-        0.25,
-        2,
+    return zoo.plane(
+        steps,
+        0.05,
+        grid=sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], periodic=[periodic, False]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: 1.5 - p[:, 1]),
+        unsafe=[sdhj.UnsafeSet((0, 1), ball)],
+        delta=0.25,
+        steps=2,
     )
 
 
 def begin(problem, starts, inputs):
-    table = sdhj.solve(sdhj.ReachAvoidProblem(problem.grid, problem.dynamics, problem.target, (), 0.25, 2), play=False)
+    table = sdhj.solve(replace(problem, unsafe=()), play=False)
     count = len(starts)
     given = starts, inputs, np.ones(count, np.int64), 0, 0.0, np.arange(count), np.random.default_rng(0)
     return first_moment(table, problem, *given)
@@ -103,7 +105,7 @@ def test_of_the_collisions_of_many_runs_all_are_counted():
 def test_a_run_stops_where_it_has_left_the_grid():
     """dx = 40 x^3 from .9 passes the end at 1 at once, and every number soon; the other run goes on to the end."""
     dynamics = sdhj.Dynamics([[0.0]], lambda q, u: 40.0 * q**3 + u, np.eye(1), [0.1])
-    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-1.0], [1.0], [21], ends="unsafe"), dynamics, None, [], 0.25, 2)
+    problem = zoo.line(grid=sdhj.Grid([-1.0], [1.0], [21]), dynamics=dynamics, target=None, delta=0.25, steps=2)
     seen = []
     states, ended, _ = play_interval(
         begin(problem, np.array([[0.0], [0.9]]), np.zeros(2, np.int64)),

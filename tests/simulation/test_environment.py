@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import test_memory
-import toys
+import zoo
 
 import sdhj
 from sdhj.certified import Certified
@@ -22,10 +22,10 @@ from sdhj.simulation.environment import ReachAvoidEnv  # noqa: E402
 
 @cache
 def certified_line() -> Table:
-    return sdhj.solve(toys.interval_problem(), Certified((80,)), progress=False)
+    return sdhj.solve(zoo.interval_problem(), Certified((80,)), progress=False)
 
 
-TABLES: dict[str, Any] = {"line": toys.interval_table, "torus": toys.torus_table, "certified": certified_line}
+TABLES: dict[str, Any] = {"line": zoo.interval_table, "torus": zoo.torus_table, "certified": certified_line}
 
 
 @pytest.mark.parametrize("shield", [True, False])
@@ -80,7 +80,7 @@ def test_behind_the_shield_or_its_mask_every_certified_episode_arrives(
 
 @pytest.mark.slow
 def test_without_either_episodes_end_in_every_way() -> None:
-    env, actions = ReachAvoidEnv(toys.interval_table(), shield=False), np.random.default_rng(3)
+    env, actions = ReachAvoidEnv(zoo.interval_table(), shield=False), np.random.default_rng(3)
     ends = [played(env, actions, False, seed)[-1] for seed in range(150)]
     told = {info["outcome"]: (reward, terminated, truncated) for _, reward, terminated, truncated, info in ends}
     assert told == {"reached": (1.0, True, False), "collided": (-1.0, True, False), "late": (0.0, False, True)}
@@ -88,7 +88,7 @@ def test_without_either_episodes_end_in_every_way() -> None:
 
 
 def test_the_mask_is_what_the_filter_leaves_alone() -> None:
-    env, table = ReachAvoidEnv(toys.interval_table(), "none"), toys.interval_table()
+    env, table = ReachAvoidEnv(zoo.interval_table(), "none"), zoo.interval_table()
     controller = sdhj.Controller(table)
     for q in np.linspace(-3.9, 3.3, 37):
         _, info = env.reset(options={"state": [q]})
@@ -100,7 +100,7 @@ def test_the_mask_is_what_the_filter_leaves_alone() -> None:
 
 def test_off_the_grid_is_the_end() -> None:
     """What is observed then is the nearest place on it."""
-    table = sdhj.solve(toys.interval_problem(ends="unsafe", steps=8), progress=False)
+    table = sdhj.solve(zoo.interval_problem(ends="unsafe", steps=8), progress=False)
     env = ReachAvoidEnv(table, "none", shield=False)
     env.reset(options={"state": [-3.8]})
     observation, reward, terminated, truncated, info = env.step(np.int64(0))
@@ -110,26 +110,26 @@ def test_off_the_grid_is_the_end() -> None:
 
 
 def test_guards() -> None:
-    env = ReachAvoidEnv(toys.interval_table())
-    with pytest.raises(ValueError, match=r"the run is over; call reset\(\)"):
+    env = ReachAvoidEnv(zoo.interval_table())
+    with pytest.raises(ValueError, match=r"is over; call reset\(\)"):
         env.step(np.int64(0))
     env.reset(seed=0)
     for action in (3, -1, 0.5):
-        with pytest.raises(ValueError, match="an action must be an int from 0 to 2"):
+        with pytest.raises(ValueError, match="from 0 to 2"):
             env.step(action)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"options\['state'\] must have shape \(1,\)"):
+    with pytest.raises(ValueError, match=r"options\['state'\] must have shape"):
         env.reset(options={"state": [0.0, 0.0]})
-    with pytest.raises(ValueError, match="adversary must be one of"):
-        ReachAvoidEnv(toys.interval_table(), "nobody")
+    with pytest.raises(ValueError, match="adversary must be one"):
+        ReachAvoidEnv(zoo.interval_table(), "nobody")
     with pytest.raises(ValueError, match="table must be what"):
-        ReachAvoidEnv(toys.interval_problem())  # type: ignore[arg-type]
+        ReachAvoidEnv(zoo.interval_problem())  # type: ignore[arg-type]
 
 
 @cache
 def sensed_line(memory: bool) -> Table:
     """On the line, measured with errors, late and by an uncertain clock."""
     sensing = sdhj.Sensing(0.05, 0.1, 0.02, memory=memory)
-    return sdhj.solve(replace(toys.interval_problem(), sensing=sensing), Certified((80,)), progress=False)
+    return sdhj.solve(replace(zoo.interval_problem(), sensing=sensing), Certified((80,)), progress=False)
 
 
 @pytest.mark.slow

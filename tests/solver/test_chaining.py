@@ -5,7 +5,7 @@ import dataclasses
 import judge
 import numpy as np
 import pytest
-from toys import interval_problem, unicycle_problem
+from zoo import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj.formulas.graph import ordered

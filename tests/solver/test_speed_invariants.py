@@ -1,4 +1,4 @@
-"""What makes the solver fast must not change its answer: threads, copied tubes, the fused path, blocks of rows."""
+"""What makes the solver fast must not change its answer: threads, copied tubes, runs of rows; what a solve takes."""
 
 import dataclasses
 import re
@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 from plain import run_plainly
-from toys import interval_problem, torus_problem, unicycle_problem
+from zoo import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import Grid, Scheme
@@ -74,32 +74,6 @@ def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
     assert len(table.tubes) <= 7 and len(table.index) == 28
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["hji", "lax", "projected"])
-@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
-def test_few_loops_are_shared_out(monkeypatch, method):
-    """Of the kernels' calls, those on arrays that are not small; each wakes all threads."""
-    counted, call = [], compiling.Shared.__call__
-
-    def counting(self, *arguments):
-        counted.append(max(getattr(one, "size", 0) for one in arguments) >= self.least)
-        return call(self, *arguments)
-
-    monkeypatch.setattr(compiling.Shared, "__call__", counting)
-    sdhj.solve(sdhj.arm_case_study(nodes=17), method, play=False)
-    assert 36 < sum(counted) <= 400
-
-
-def test_what_is_small_is_left_to_one_thread(monkeypatch):
-    seen = []
-    shared = compiling.Shared(lambda *arguments: seen.append(numba.get_num_threads()), least=10)
-    monkeypatch.setattr(compiling, "get_num_threads", lambda: 2)
-    monkeypatch.setattr(compiling, "set_num_threads", lambda threads: seen.append(f"set {threads}"))
-    shared(np.zeros(9), 3)
-    shared(np.zeros(10), 3)
-    assert [one for one in seen if isinstance(one, str)] == ["set 1", "set 2"] and len(seen) == 4
-
-
 def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores_are_looked_at, tmp_path):
     """What runs, less what this process does, in two looks with some time between; where nothing can be seen, all."""
     monkeypatch.setattr(compiling, "PROC", tmp_path)
@@ -127,20 +101,6 @@ def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores
     assert seen == [1, 2]
 
 
-@pytest.mark.parametrize("method", ["hji", "lax", "projected"])
-@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
-def test_rows_that_are_joined_change_nothing(monkeypatch, method):
-    """Inputs join a small grid in few long rows; in rows of the last half of the axes they join it to the same bits."""
-    found = {}
-    for most in (recursion.LONG, 0):
-        monkeypatch.setattr(recursion, "LONG", most)
-        table = sdhj.solve(torus_problem(nodes=9, steps=3), method=method, play=False)
-        found[most] = table.tubes, table.marks, recursion.InputRows(table.grid, table.avoid).size
-    (tubes, marks, size), (other_tubes, other_marks, other_size) = found.values()
-    assert size > other_size
-    assert np.array_equal(tubes, other_tubes) and np.array_equal(marks, other_marks)
-
-
 def test_the_number_of_pdes_is_told():
     """Of 25 inputs, three tubes of two steps, and an avoid game for each set, in each step if it moves.
 
@@ -155,24 +115,6 @@ def test_the_number_of_pdes_is_told():
         assert table.details["pdes_of_algorithm"] == asked
         solved[name] = table.details["pdes_solved"]
     assert solved == {"moving": 3, "fixed": asked, "lax": 0, "projected": 2 * 3}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [(9,), (8, 11), (6, 5, 7, 8)])
-@pytest.mark.parametrize("order", [1, 2, 3])
-@pytest.mark.parametrize("flux", schemes.HAMILTONIANS)
-def test_constant_velocities_and_the_same_as_fields_agree(rng, shape, order, flux):
-    ndim = len(shape)
-    grid = Grid([0.0] * ndim, [1.0] * ndim, shape, [bool(axis % 2) for axis in range(ndim)])
-    values, lower = rng.normal(size=shape), rng.normal(size=ndim)
-    upper = lower + rng.random(ndim)
-    fields = [np.broadcast_to(v.reshape(-1, *[1] * ndim), (ndim, *shape)) for v in (lower, upper)]
-    scheme = Scheme(flux=flux, order=order, dtype="float64")
-    wall = values - 0.5
-    for obstacle in (None, wall):
-        fused = evolve(grid, values, Velocities(lower, upper), 0.01, scheme, obstacle=obstacle, steps=2)
-        general = evolve(grid, values, Velocities(*fields), 0.01, scheme, obstacle=obstacle, steps=2)
-        np.testing.assert_allclose(fused, general, rtol=0, atol=ROUNDING * 100)  # velocity / spacing is up to about 50
 
 
 @pytest.mark.slow
@@ -316,14 +258,14 @@ def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch
         growth = np.diff(np.log(needed)) / np.diff(np.log(many))
         assert ((growth > 3.9) & (growth < 4.1)).all()
     assert sum(looked) < 2e7
-    with pytest.raises(MemoryError, match=r"a list of the nodes of 1000 x 1000 x 1000 x 1000 needs .*fewer nodes"):
+    with pytest.raises(MemoryError, match="1000 x 1000 needs"):
         Grid([-1] * 4, [1] * 4, [1000] * 4).points()
 
 
 def test_a_solve_that_does_not_fit_is_refused(monkeypatch):
-    with pytest.raises(ValueError, match="steps must be a whole number from 1 to 1,000,000"):
+    with pytest.raises(ValueError, match="whole number from 1"):
         sdhj.arm_case_study(nodes=9, steps=10**300)
-    with pytest.raises(MemoryError, match=r"this solve needs about .*e\+"):
+    with pytest.raises(MemoryError, match="this solve needs about"):
         sdhj.solve(dataclasses.replace(arm(), steps=10**6))
     monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
     memory.require_memory(10**18, "anything")

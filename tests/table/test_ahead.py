@@ -9,10 +9,10 @@ from typing import Any
 import judge
 import numpy as np
 import pytest
-import toys
+import zoo
 
 import sdhj
-from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet
 from sdhj.kernels.true_sets import TRUE_SETS_TOO
 from sdhj.table.batches import Table
 from sdhj.table.table import LookupTable
@@ -34,14 +34,14 @@ def gusts(points: np.ndarray) -> np.ndarray:
 
 def boat(drift: Any = None, gain: Any = gusts, **others: Any) -> ReachAvoidProblem:
     """Two axes, 8 courses in a current; a buoy to stay clear of."""
-    return ReachAvoidProblem(
-        others.pop("grid", Grid([-2, -2], [2, 2], [41, 41])),
-        Dynamics(COURSES, drift or (lambda q, u: u + current(q)), gain, [0.1, 0.1]),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.4),
-        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] + 0.2) - 0.3, name="buoy"),),
-        others.pop("delta", 0.25),
-        others.pop("steps", 6),
-    )
+    usual: dict[str, Any] = {
+        "dynamics": Dynamics(COURSES, drift or (lambda q, u: u + current(q)), gain, [0.1, 0.1]),
+        "target": zoo.goal(1.0, 0.0, 0.4),
+        "unsafe": (zoo.post(0.0, -0.2, 0.3, name="buoy"),),
+        "delta": 0.25,
+        "steps": 6,
+    }
+    return zoo.plane(**usual | others)
 
 
 def truck() -> ReachAvoidProblem:
@@ -88,7 +88,7 @@ def tide(q: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
 
 
 PROBLEMS: dict[str, Callable[[], ReachAvoidProblem]] = {
-    "car": lambda: toys.unicycle_problem(nodes=(17, 17, 16)),
+    "car": lambda: zoo.unicycle_problem(nodes=(17, 17, 16)),
     "boat": boat,
     "tide": lambda: boat(tide),
     "truck": truck,
@@ -173,7 +173,7 @@ def test_boxes_are_those_of_the_slow_twin(name: str, rng: np.random.Generator) -
 
 def test_velocities_that_read_nothing_share_one_box() -> None:
     """Arrays, and functions that take the points to no end; each step its own where they depend on time."""
-    constant = toys.torus_problem()
+    constant = zoo.torus_problem()
     inputs, rest = constant.inputs, (np.eye(2), [0.4, 0.4])
     idle = replace(constant, dynamics=Dynamics(inputs, lambda q, u: np.tile(u, (len(q), 1)), *rest))
     for problem in (constant, idle):
@@ -196,7 +196,7 @@ def test_drifts_that_are_undefined_between_the_nodes_are_evaluated_for_no_other_
     interval = boat(narrow, np.eye(2)).interval(0)
     low, high = interval.reachable_boxes(rng.uniform([-2, -1.5], [2, -1], (50, 2)))
     assert np.isfinite(low).all() and (low < high).all()
-    with pytest.raises(ValueError, match=r"where the state moves to is undefined or infinite \(nan\) at \[0.0, 0.05\]"):
+    with pytest.raises(ValueError, match=r"\(nan\) at \[0.0, 0.05\]"):
         interval.reachable_boxes(np.array([[0.0, 0.05]]))
 
 

@@ -5,25 +5,19 @@ from functools import cache
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 
 POST, RADIUS, PACE = (0.0, 0.0, 0.4), 0.5, 0.2
-INPUTS = [(speed, turn) for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0)]
 
 
 def car(pace=PACE, steps=3):
     """The README's, whose goal may move along x."""
-
-    def drift(q, u):
-        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
-
-    return sdhj.ReachAvoidProblem(
+    return zoo.car(
         grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], periodic=[False, False, True]),
-        dynamics=sdhj.Dynamics(INPUTS, drift, [[1, 0], [0, 1], [0, 0]], [0.1, 0.1]),
         target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6 - pace * t, p[:, 1] - 0.2) - RADIUS),
-        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - POST[2], name="post")],
-        delta=0.25,
+        unsafe=[zoo.post(*POST)],
         steps=steps,
     )
 
@@ -74,7 +68,7 @@ def test_inputs_in_the_target_lead_back_into_it_or_there_is_none(rule):
         assert (chosen[~batch.safe.any(axis=1)] == -1).all() and batch.safe[chosen >= 0, chosen[chosen >= 0]].all()
         for q, j in zip(states, chosen.tolist(), strict=True):
             if j < 0:
-                with pytest.raises(sdhj.NotAdmissible, match="is in the target at step"):
+                with pytest.raises(sdhj.NotAdmissible, match="the target at step"):
                     controller.select(q, step)
                 continue
             assert controller.select(q, step) == j
@@ -83,7 +77,11 @@ def test_inputs_in_the_target_lead_back_into_it_or_there_is_none(rule):
                 for part in range(100):
                     v = wind[part // 25 % 4]
                     x = x + 0.0025 * np.array(
-                        [INPUTS[j][0] * np.cos(x[2]) + v[0], INPUTS[j][0] * np.sin(x[2]) + v[1], INPUTS[j][1]]
+                        [
+                            zoo.INPUTS[j][0] * np.cos(x[2]) + v[0],
+                            zoo.INPUTS[j][0] * np.sin(x[2]) + v[1],
+                            zoo.INPUTS[j][1],
+                        ]
                     )
                 assert np.hypot(x[0] - 0.6 - PACE * 0.25 * (step + 1), x[1] - 0.2) < RADIUS + 0.01
                 tried += 1
@@ -119,7 +117,7 @@ def test_runs_that_arrive_are_told_so_by_every_answer():
             if there:
                 arrived += 1
                 break
-            speed, turn = INPUTS[controller.select(x, step)]
+            speed, turn = zoo.INPUTS[controller.select(x, step)]
             wind = rng.choice([-0.1, 0.1], 2)
             for _ in range(50):
                 x = x + 0.005 * np.array([speed * np.cos(x[2]) + wind[0], speed * np.sin(x[2]) + wind[1], turn])
@@ -152,15 +150,7 @@ def test_c_says_so(tmp_path, pace):
 
 def test_what_cannot_be_seen_is_not_claimed(tmp_path):
     """With errors of measurement nobody knows that the state has arrived."""
-    noisy = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-4.0], [4.0], [81]),
-        sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [0.08]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.95),
-        [],
-        0.5,
-        3,
-        sensing=sdhj.Sensing(error=0.02, memory=False),
-    )
+    noisy = zoo.line(push=0.08, target=zoo.goal(0.0, 0.95), sensing=sdhj.Sensing(error=0.02, memory=False))
     table = sdhj.solve(noisy, sdhj.Certified(cells=(80,), parts=1), progress=False, play=False)
     assert not table.contains([[0.94]], within=0)[0] and table.contains([[0.5]], within=0)[0]
     sdhj.export_c(table, tmp_path, progress=False)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from toys import interval_problem, one_row, small_torus_table, torus_problem
+from zoo import interval_problem, one_row, small_torus_table, torus_problem
 
 import sdhj
 from sdhj import Dynamics
@@ -191,7 +191,7 @@ def test_values_at_are_the_interpolated_tubes_and_those_at_a_wall_beyond_it(rng)
 @pytest.mark.parametrize("shape", [(5, 1), (5, 2, 2), (4, 2, 1), (1,)])
 def test_values_at_checks_its_points(shape):
     table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
-    with pytest.raises(ValueError, match=r"points must have shape \(5, V, 1\)"):
+    with pytest.raises(ValueError, match=r"shape \(5, V, 1\)"):
         table.values_at(np.zeros(shape), 0, np.zeros(5, int))
-    with pytest.raises(ValueError, match="whole number from 0 to 1"):
+    with pytest.raises(ValueError, match="whole number from 0"):
         table.values_at(np.zeros((5, 1, 1)), 2, np.zeros(5, int))

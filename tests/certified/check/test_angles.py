@@ -5,6 +5,7 @@ A distance on a circle is written as |mod(x + pi, 2 pi) - pi|, by arctan2, or by
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.check import verify
@@ -80,7 +81,7 @@ def test_half_a_turn_away_is_not_near(name):
 
 def robot(distance):
     """A dial that turns at 1 rad/s at most, past a sector that turns as well."""
-    return sdhj.ReachAvoidProblem(
+    return zoo.line(
         grid=sdhj.Grid([0.0], [TURN], [36], periodic=[True]),
         dynamics=sdhj.Dynamics([[-1.0], [0.0], [1.0]], lambda q, u: 0 * q + u, [[1.0]], [0.1]),
         target=sdhj.TargetSet((0,), lambda p, t: distance(p[:, 0] - np.pi, 0.5)),

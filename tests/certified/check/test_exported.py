@@ -11,7 +11,7 @@ import forged_robots
 import numpy as np
 import pytest
 import test_memory
-import toys
+import zoo
 
 import sdhj
 from sdhj.certified.check import verify
@@ -25,7 +25,7 @@ from sdhj.certified.export import FIELDS, images_of, packed_table
 
 @cache
 def robot():
-    return sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(20, 20, 24), parts=3), play=False, progress=False)
+    return sdhj.solve(zoo.unicycle_problem(), sdhj.Certified(cells=(20, 20, 24), parts=3), play=False, progress=False)
 
 
 @cache
@@ -189,7 +189,7 @@ def test_a_file_of_another_version_or_with_images_of_another_shape_is_refused(tm
             failed(joint(), signed(bad), tmp_path)
     bad = bytearray(exported_of(robot()))
     bad[8] = 2
-    with pytest.raises(ValueError, match="only a table of version 2 has images"):
+    with pytest.raises(ValueError, match="version 2 has images"):
         failed(robot(), signed(bad), tmp_path)
 
 
@@ -225,9 +225,9 @@ def test_damage_is_refused(tmp_path):
     for at in [*rng.integers(0, len(data), 20).tolist(), 12, len(data) - 1]:
         bad = bytearray(data)
         bad[at] ^= 16
-        with pytest.raises(ValueError, match="exported table must be whole"):
+        with pytest.raises(ValueError, match="exported table must be"):
             failed(robot(), bytes(bad), tmp_path)
-    with pytest.raises(ValueError, match="exported table must be whole"):
+    with pytest.raises(ValueError, match="exported table must be"):
         failed(robot(), data[:-8], tmp_path)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 
@@ -45,13 +46,13 @@ ROBOTS = {
 @pytest.mark.slow
 def test_a_check_takes_what_it_states(robot, tmp_path):
     dynamics, delta, cells = ROBOTS[robot]
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2, -2], [2, 2], [21, 21]),
-        dynamics,
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.6),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.3)],
-        delta,
-        2,
+    problem = zoo.plane(
+        grid=sdhj.Grid([-2, -2], [2, 2], [21, 21]),
+        dynamics=dynamics,
+        target=zoo.goal(0.0, 0.0, 0.6),
+        unsafe=[zoo.post(-1.0, 0.0, 0.3)],
+        delta=delta,
+        steps=2,
     )
     path = tmp_path / "it.npz"
     sdhj.solve(problem, sdhj.Certified(cells=cells), play=False, progress=False).save(path)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import campaign as campaign_module
 import numpy as np
 import pytest
-import toys
+import zoo
 from campaign import Row, campaign, main, upper_bound, write_rows
 from click.testing import CliRunner
 
@@ -18,8 +18,8 @@ PLACE = np.array([1.5, 0.0])  # minus this: where a disk stands that no table kn
 @pytest.mark.slow
 def test_a_campaign_counts_batch_by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign_module, "BATCH", 300)
-    table = sdhj.solve(toys.torus_problem(nodes=32), method="lax", progress=False)
-    disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(*toys.wrapped(p + PLACE).T) - 0.2)
+    table = sdhj.solve(zoo.torus_problem(nodes=32), method="lax", progress=False)
+    disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(*zoo.wrapped(p + PLACE).T) - 0.2)
     controller = sdhj.Controller(replace(table, problem=replace(table.problem, unsafe=(disk,))))
     rows = campaign({"toy": controller.table}, ["random", "worst", "search"], runs=700, seed=4, progress=False)
     assert [(row.table, row.method, row.adversary) for row in rows] == [
@@ -34,7 +34,7 @@ def test_a_campaign_counts_batch_by_batch(monkeypatch: pytest.MonkeyPatch) -> No
         assert row.runs == row.starts == 700
     assert rows[0].collided > 0
     assert rows[2].starts == 3 and 3 * 32 <= rows[2].runs <= 3 * 32 * 8
-    with pytest.raises(ValueError, match="adversaries must be some of"):
+    with pytest.raises(ValueError, match="adversaries must be some"):
         campaign({"toy": controller.table}, ["nasty"], runs=10)
 
 

@@ -39,13 +39,13 @@ def warned(problem: sdhj.ReachAvoidProblem) -> None:
 
 
 def test_where_walls_hide_between_the_nodes_it_refuses() -> None:
-    with pytest.raises(ResolutionWarning, match=r"the unsafe set .walls. hides between the nodes at x = .* Use"):
+    with pytest.raises(ResolutionWarning, match="hides between the nodes"):
         warned(maze(21, 12, steps=60))
 
 
 @pytest.mark.slow
 def test_promises_that_hundreds_of_steps_outlive_are_refused(solves_are_played: None) -> None:
-    with pytest.raises(ResolutionWarning, match=r"of what this table promises .* runs lost"):
+    with pytest.raises(ResolutionWarning, match="what this table promises"):
         warned(maze(41, 24, steps=60))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import toys
+import zoo
 from click.testing import CliRunner
 
 import sdhj
@@ -128,7 +128,7 @@ def test_runs_of_a_certified_table_touch_nothing() -> None:
 
 def test_what_cannot_be_modelled_is_refused() -> None:
     with pytest.raises(ValueError, match="no case study"):
-        mjcf(toys.torus_problem())
+        mjcf(zoo.torus_problem())
     with pytest.raises(ValueError, match=r"link1 has 0\.0"):
         mjcf(sdhj.arm_case_study(nodes=9, half_width=0.0))
     with pytest.raises(ValueError, match="finer must be"):
@@ -152,7 +152,7 @@ def test_pictures_and_the_command_line(tmp_path) -> None:
     arguments = [str(tmp_path / "proved.npz"), "--runs", "5", "-o", str(tmp_path / "strip.png")]
     done = CliRunner().invoke(physics.main, arguments)
     assert done.exit_code == 0, done.output
-    assert "contacts in MuJoCo: 0 runs" in done.output and (tmp_path / "strip.png").stat().st_size > 20_000
+    assert "contacts in MuJoCo: 0" in done.output and (tmp_path / "strip.png").stat().st_size > 20_000
 
 
 @pytest.mark.slow
@@ -164,4 +164,4 @@ def test_without_mujoco_one_line_says_what_to_install() -> None:
 
 def test_pictures_of_a_run_are_png_files(tmp_path) -> None:
     done = CliRunner().invoke(physics.main, [str(tmp_path / "missing.npz"), "-o", str(tmp_path / "x.txt")])
-    assert done.exit_code == 2 and "x.txt must end in .png," in done.output
+    assert done.exit_code == 2 and "x.txt must end in" in done.output

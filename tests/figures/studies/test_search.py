@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 import search
-import toys
-from search import Margins, planned, search_losing
+import zoo
+from search import search_losing
 
 import sdhj
 from sdhj.certified import CertifiedTable
@@ -26,7 +26,7 @@ START = np.array([-2.4, -0.4])
 
 @cache
 def torus_table() -> sdhj.LookupTable:
-    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(), progress=False)
+    return sdhj.solve(zoo.torus_problem(nodes=32), sdhj.HopfLax(), progress=False)
 
 
 @cache
@@ -41,7 +41,7 @@ def planted(radius: float) -> Controller:
     end = 2 * table.problem.delta
     needle = sdhj.UnsafeSet(
         (0, 1),
-        lambda p, t: np.hypot(np.hypot(*toys.wrapped(p - middle).T), 10 * (t - end)) - radius,
+        lambda p, t: np.hypot(np.hypot(*zoo.wrapped(p - middle).T), 10 * (t - end)) - radius,
         name="needle",
     )
     return Controller(replace(table, problem=replace(table.problem, unsafe=(*table.problem.unsafe, needle))))
@@ -70,7 +70,7 @@ def test_where_a_proof_says_so_nobody_wins() -> None:
     assert not report.lost.any() and (report.outcomes == OUTCOMES.index("reached")).all()
     assert report.clearance.min() > 0 and report.depth.min() >= 0
     assert 100 * 16 < report.rollouts <= 100 * 16 * 4  # those that start in the target play one generation
-    assert (report.generation == -1).all() and "lost 0 of 100 starts" in str(report)
+    assert (report.generation == -1).all() and "0 of 100 starts" in str(report)
 
 
 @pytest.mark.slow
@@ -123,32 +123,6 @@ def test_each_generation_is_no_worse() -> None:
     assert (least[1] <= least[0]).all() and (least[2] <= least[1]).all() and (least[2] < least[0]).mean() > 0.3
 
 
-def test_a_start_in_the_target_is_played_once() -> None:
-    controller = Controller(torus_table())
-    inside = np.array([[-1.0, 0.0]])
-    assert controller.problem.target_value(inside, 0.0)[0] < 0
-    report = search_losing(controller, inside, population=8, generations=5, progress=False)
-    assert report.rollouts == 8 and not report.lost[0]
-
-
-def test_margins_are_those_of_the_trajectory() -> None:
-    controller = Controller(torus_table())
-    problem, starts = controller.problem, np.array([START, [-2.4, -0.6]])
-    plans = np.random.default_rng(3).uniform(-0.4, 0.4, (2, 3, 4, 2))
-    margins = Margins(controller, starts)
-    rollouts(controller, starts, planned(plans), np.random.default_rng(0), margins.watch)
-    for m, start in enumerate(starts):
-        run = simulate(controller, start, planned(plans[m][None]))
-        assert run.outcome == "reached" and len(run.inputs) >= 2
-        values = [problem.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
-        assert margins.clearance[m] == pytest.approx(min(values), abs=1e-12)  # rounding of a sum of 60 moves
-        depths = [
-            -controller.table.values_at(q[None, None], step, np.array([3 - step]))[0, 0]
-            for step, q in enumerate(run.samples[:-1])
-        ]
-        assert margins.depth[m] == pytest.approx(min(depths), abs=1e-12)
-
-
 def test_what_does_not_fit_is_refused() -> None:
     controller = Controller(torus_table())
     for options, message in (
@@ -165,11 +139,3 @@ def test_what_does_not_fit_is_refused() -> None:
             search_losing(controller, **{"starts": 5, **options})
     with pytest.raises(sdhj.NotAdmissible, match="start 1"):
         search_losing(controller, [START, [3.0, 3.0]])
-
-
-def test_with_no_adversary_there_is_nothing_to_find():
-    problem = toys.torus_problem(nodes=16, steps=2)
-    dynamics = sdhj.Dynamics(problem.inputs, problem.inputs)
-    controller = sdhj.Controller(sdhj.solve(replace(problem, dynamics=dynamics), progress=False))
-    report = search_losing(controller, 3, population=6, generations=2, progress=False)
-    assert report.plans.shape[-1] == 1 and report.lost.shape == (3,)

@@ -1,4 +1,4 @@
-"""Small problems with answers one can work out by hand, shared by the tests."""
+"""The robots of the tests: a test takes one and changes a field. Most have answers one can work out by hand."""
 
 from dataclasses import replace
 from functools import cache
@@ -21,6 +21,132 @@ def empty_table(problem, avoid, dtype="float32"):
     return LookupTable(problem, "by hand", index, np.empty((number, *problem.grid.shape), dtype), marks, avoid, {})
 
 
+# ---- families: any field of the problem may be given
+
+
+def near(*place):
+    """Level-set function of what is within a radius of a place: `near(x, radius)`, `near(x, y, radius)`."""
+    *at, radius = place
+    if len(at) == 1:
+        return lambda p, t: np.abs(p[:, 0] - at[0]) - radius
+    return lambda p, t: np.hypot(p[:, 0] - at[0], p[:, 1] - at[1]) - radius
+
+
+def goal(*place):
+    return TargetSet(tuple(range(len(place) - 1)), near(*place))
+
+
+def post(*place, name="post", **given):
+    return UnsafeSet(tuple(range(len(place) - 1)), near(*place), name=name, **given)
+
+
+def line(levels=(-1.0, 0.0, 1.0), push=0.2, **changed):
+    """On a line from -4 to 4 m, dx = u + v: to within 1 m of its middle."""
+    inputs = np.reshape(levels, (-1, 1))
+    usual = {
+        "grid": Grid([-4.0], [4.0], [81]),
+        "dynamics": Dynamics(inputs, inputs, [[1.0]], [push]),
+        "target": goal(0.0, 1.0),
+        "unsafe": [],
+        "delta": 0.5,
+        "steps": 3,
+    }
+    return ReachAvoidProblem(**usual | changed)
+
+
+STEPS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+
+
+def plane(moves=STEPS, push=0.1, *, gain=((1.0, 0.0), (0.0, 1.0)), **changed):
+    """In the plane, from -2 to 2 m, dq = u + v: to within 0.5 m of (1, 0)."""
+    usual = {
+        "grid": Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+        "dynamics": Dynamics(moves, moves, gain, np.broadcast_to(push, np.shape(gain)[1])),
+        "target": goal(1.0, 0.0, 0.5),
+        "unsafe": [],
+        "delta": 0.3,
+        "steps": 3,
+    }
+    return ReachAvoidProblem(**usual | changed)
+
+
+def cart(pushes=(-3.0, 0.0, 3.0), gust=0.2, **changed):
+    """On a rail from -1 to 1 m, dx = v, dv = u + w: to stay on it."""
+    usual = {
+        "grid": Grid([-1.0, -2.0], [1.0, 2.0], [41, 41], names=["x", "v"]),
+        "dynamics": Dynamics(
+            np.reshape(pushes, (-1, 1)),
+            lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1),
+            [[0.0], [1.0]],
+            [gust],
+        ),
+        "target": None,
+        "unsafe": [],
+        "delta": 0.1,
+        "steps": None,
+    }
+    return ReachAvoidProblem(**usual | changed)
+
+
+INPUTS = tuple((speed, turn) for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0))
+
+
+def car(inputs=INPUTS, bound=0.1, *, speed=1.0, **changed):
+    """The README's car: what its velocity reads is its heading; `speed` counts on x alone."""
+
+    def drift(q, u):
+        return np.stack([speed * u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
+
+    usual = {
+        "grid": Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], [41, 41, 32], [False, False, True]),
+        "dynamics": Dynamics(inputs, drift, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], [bound, bound]),
+        "target": goal(1.2, 0.8, 0.4),
+        "unsafe": [post(0.0, 0.0, 0.4)],
+        "delta": 0.25,
+        "steps": 4,
+    }
+    return ReachAvoidProblem(**usual | changed)
+
+
+def pursued_on_a_line(**changed):
+    """A robot that is driven along one axis, and a pursuer that the adversary moves along another."""
+    usual = {
+        "grid": Grid([-2.0, -1.0], [2.0, 1.0], [41, 21], names=["robot", "pursuer"]),
+        "dynamics": Dynamics([[-1.0], [1.0]], [[-1.0, 0.0], [1.0, 0.0]], [[0.0], [1.0]], [0.2]),
+        "target": goal(0.0, 0.4),
+        "unsafe": [],
+        "delta": 0.3,
+        "steps": 4,
+    }
+    return ReachAvoidProblem(**usual | changed)
+
+
+def run(**changed):
+    """On a line of 10 m: it stands or moves 1 m in a step, pushed by 0.25 m; a post at 3 m, and a goal at 7 m."""
+    usual = {
+        "grid": Grid([0.0], [10.0], [41], names=["x"]),
+        "target": goal(7.0, 1.1),
+        "unsafe": [post(3.0, 0.4)],
+        "delta": 1.0,
+        "steps": 1,
+    }
+    return line((0.0, 1.0), 0.25, **usual | changed)
+
+
+def walk(**changed):
+    """In a room of 4 x 3 m, at 0.5 m/s along the axes, to (3.4, 1.5): the robot of README's recipes."""
+    usual = {
+        "grid": Grid([0.0, 0.0], [4.0, 3.0], [81, 61]),
+        "target": goal(3.4, 1.5, 0.4),
+        "delta": 0.25,
+        "steps": 20,
+    }
+    return plane(0.5 * np.array(STEPS), **usual | changed)
+
+
+# ---- single robots
+
+
 def interval_problem(
     *, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True, ends="wall"
 ):
@@ -30,16 +156,13 @@ def interval_problem(
     With n steps to go the tube is [-1 - n (1 - disturbance) delta, ...] as long as the target is wider than what the
     disturbance spreads in a step (2 * 0.2 * 0.5 = 0.2 < 2), cut where the wall may be touched.
     """
-    dynamics = Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [disturbance])
     part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], name="wall")
-    return ReachAvoidProblem(
-        Grid([-4.0], [4.0], [nodes], ends=ends),
-        dynamics,
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
-        (part,) if unsafe else (),
-        0.5,
-        steps,
-        view_time,
+    return line(
+        push=disturbance,
+        grid=Grid([-4.0], [4.0], [nodes], ends=ends),
+        unsafe=(part,) if unsafe else (),
+        steps=steps,
+        view_time=view_time,
     )
 
 
