@@ -178,13 +178,12 @@ def _bar(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> A
 def _fill(sets: Any, problem: ReachAvoidProblem, bar: Any) -> None:
     """Compute all tubes by the recursion and move the bar; with steps=None, those before Ctrl-C."""
 
-    def done() -> None:
+    def told() -> None:
         bar.update()
-        if problem.steps is None:
-            bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
+        bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
 
     try:
-        recursion(sets, problem.most_steps, done)
+        recursion(sets, problem.most_steps, told if problem.steps is None else bar.update)
     except KeyboardInterrupt:
         if problem.steps is not None or not sets.filled:  # fewer steps than asked for are no table
             raise

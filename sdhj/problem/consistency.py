@@ -32,9 +32,10 @@ def compared_states(grid: Grid) -> FloatArray:
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):  # a tenth has coordinates of nodes, ends or zeros, where formulas may branch
         inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
-        kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
+        last = [] if grid.periodic[axis] else [grid.upper[axis]]  # where it closes it is the first one
+        kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis]], last, inside])
         states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
-    return grid.wrapped(states)
+    return states
 
 
 def compared_times(problem: Any) -> list[float]:
@@ -84,10 +85,9 @@ def check_inputs(problem: Any) -> None:
 
 
 def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:
-    """Which points (M, ndim) are in the target and in no unsafe set at any time of the step: (M,)."""
+    """Which points (M, ndim) of the grid are in the target and in no unsafe set at any time of the step: (M,)."""
     # `Samples.goal` says the same at all nodes, for the methods on a grid: both change together
-    t, jitter, points = problem.time(step), problem.sensing.jitter, problem.grid.wrapped(points)
-    inside = np.ones(len(points), np.bool_)
+    t, jitter, inside = problem.time(step), problem.sensing.jitter, np.ones(len(points), np.bool_)
     for part in problem.all_sets:
         if getattr(part, "inputs", None) is not None or not inside.any():
             continue
@@ -162,7 +162,7 @@ def _some_box_in_goal(problem: Any, points: FloatArray, step: int) -> bool:
     points = points[in_goal(problem, points, step)]
     # twice: M is the goal shrunk by E, and W, which is promised, M shrunk by E (`sdhj.problem.sensing`)
     for off in 2 * problem.half_widths[0] * np.array([*product((-1.0, 1.0), repeat=problem.grid.ndim)]):
-        corners = problem.grid.clipped(points + off)
+        corners = problem.grid.wrapped(problem.grid.clipped(points + off))
         inside = ~problem.grid.beyond(corners, "fails")  # at walls they are clipped
         inside[inside] = in_goal(problem, corners[inside], step)
         points = points[inside]

@@ -17,7 +17,7 @@ import numpy as np
 from sdhj.common.checks import number, option, points_array, whole
 from sdhj.common.remembering import FloatArray, Remembering, Sealed, kept
 from sdhj.formulas.formula import BlackBox, Formula
-from sdhj.formulas.graph import MOST_TABLES, Lookup
+from sdhj.formulas.graph import MOST_TABLES, Lookup, ordered
 from sdhj.formulas.text import written
 from sdhj.problem.consistency import (
     check_inputs,
@@ -136,7 +136,9 @@ class ReachAvoidProblem(Remembering):
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
-        if (size := sum(one.values.nbytes for one in self.texts[1])) > MOST_TABLES:
+        nodes = ordered(node for one in self.functions.values() if isinstance(one, Formula) for node in one.outputs)
+        tables = {one.value.digest: one.value.values.nbytes for one in nodes if one.op == "gridded"}
+        if (size := sum(tables.values())) > MOST_TABLES:
             raise ValueError(
                 f"the tables that the problem looks up, of maps too, take {size:,} bytes together, and at most "
                 f"{MOST_TABLES:,} can be kept in a file; use fewer nodes or pixels"

@@ -9,14 +9,19 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.remembering import FloatArray, read_only
+from sdhj.formulas.formula import Formula
+from sdhj.formulas.graph import constant, leaf, make
+from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.nodes import checked_values, closed, least_in_cells, least_of_cells, sampled_on
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 from sdhj.problem.vector_field import VectorField
+from sdhj.problem.velocities import checked_travel
 
 PADDING = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
+MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
 
 
 class Samples:
@@ -63,6 +68,29 @@ class Samples:
 
         dynamics = self.dynamics.clipped(*grid.faces("frees"))
         return Samples(self.problem, grid.wider(padding.tolist(), grid.ends), dynamics, map(as_at_the_end, self.unsafe))
+
+    def past_ends(self, axis: int) -> "tuple[Samples, tuple[slice, ...]]":
+        """The samples on a wide grid past both ends of an axis, with all beyond unsafe ends as their one unsafe set.
+
+        That grid has the `avoid_axes` of this one; the slices say which of its nodes are nodes of this grid.
+        """
+        whole, axes = self.grid, self.avoid_axes([axis])
+        place, grid, delta = axes.index(axis), whole.subgrid(axes), self.interval(0).delta
+        steps = range(self.problem.steps if self.dynamics.depends_on_time else 1)  # one wide grid serves all
+        speeds = np.max([self.interval(step).speeds for step in steps], axis=0)
+        # as far as the state comes in an interval; velocities there are those at the end
+        more = int(np.ceil(checked_travel(whole, speeds, delta)[axis])) + MARGIN
+        by = [(more, more) if i == place else (0, 0) for i in range(len(axes))]
+        each = zip(grid.ends, grid.ends_where("frees").T, strict=True)  # who leaves there is out of danger here too
+        ends = [[end if free else "wall" for end, free in zip(*one, strict=True)] for one in each]
+        slack = SLACK * whole.spacing[axis]  # a state on the end, to rounding, is on the grid
+        low, high = (float(face[axis]) for face in whole.faces("fails"))
+        x = leaf("x", 0)
+        depth = make("min", x - constant(low), constant(high) - x) + constant(slack)
+        past = UnsafeSet((place,), Formula((depth,), 1, 1), name=f"the ends of axis {whole.names[axis]}")
+        there = self.dynamics.clipped(np.array(whole.lower), np.array(whole.upper)).on_axes(axes, np.array(whole.lower))
+        inside = tuple(slice(extra, extra + n) for (extra, _), n in zip(by, grid.shape, strict=True))
+        return Samples(self.problem, grid.wider(by, ends), there, [past]), inside
 
     def interval(self, step: int) -> Interval:
         """The motion from step k to k + 1 on this grid."""

@@ -152,7 +152,7 @@ class VectorField(Remembering):
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
         """The dynamics of some axes, numbered anew, the others at `lower`, which must not matter to these."""
-        # `sdhj.solver.avoid` asks, of axes whose velocities read no others (`Interval.self_contained`)
+        # `Samples.past_ends` asks, of axes whose velocities read no others (`Interval.self_contained`)
         keep = list(axes)
 
         def full(points: Any) -> Any:

@@ -55,6 +55,14 @@ class Velocities(ReadOnly):
         return int(np.ceil(count))
 
 
+def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
+    """How many cells are crossed along each axis in `duration` s; ValueError above `MOST_STEPS`."""
+    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
+    if max(cells) > MOST_STEPS:
+        raise too_fast_error(grid, speed, duration, max(cells), "cells to be crossed")
+    return np.array(cells)
+
+
 def too_fast_error(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
     """The ValueError for an interval that needs more than `MOST_STEPS` at speeds (ndim,)."""
     # The axis that asks for the most steps.

@@ -11,14 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.common.remembering import FloatArray
-from sdhj.formulas.formula import Formula
-from sdhj.formulas.graph import constant, leaf, make
-from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
-from sdhj.solver.schemes import checked_travel
-
-MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
 
 
 class Danger(NamedTuple):
@@ -41,7 +35,12 @@ def dangers(samples: Samples) -> list[Danger]:
         found.append(Danger(axes, moves, samples, unsafe_set, axes, (slice(None),) * len(axes)))
     # the unsafe ends of an axis are one danger, the lower and the upper one together
     unsafe = np.isfinite(samples.grid.faces("fails")).any(axis=0)
-    return found + [_ends_as_danger(samples, axis) for axis in np.flatnonzero(unsafe).tolist()]
+    for axis in np.flatnonzero(unsafe).tolist():
+        axes, (wide, inside) = samples.avoid_axes([axis]), samples.past_ends(axis)
+        (past,) = wide.unsafe
+        moves = samples.dynamics.depends_on_time
+        found.append(Danger(axes, moves, wide, past, wide.avoid_axes(past.axes), inside))
+    return found
 
 
 def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray, *some: Sequence[int]) -> FloatArray:
@@ -58,28 +57,3 @@ def avoid_tubes_of(games: Any, danger: Danger, step: int, out: FloatArray, *some
     # never above 0, so a set is nothing to avoid under these
     out[~danger.unsafe_set.counts(inputs)] = -np.inf
     return out[(slice(None), *danger.inside)]
-
-
-def _ends_as_danger(samples: Samples, axis: int) -> Danger:
-    """The unsafe ends of an axis as a danger: g = min(x - low, high - x) on a wide grid."""
-    whole, dynamics, timed = samples.grid, samples.dynamics, samples.dynamics.depends_on_time
-    slack = SLACK * whole.spacing[axis]  # a state on the end, to rounding, is on the grid
-    low, high = (float(face[axis]) for face in whole.faces("fails"))
-    # the wide grid has those that the velocity along this one depends on
-    axes = samples.avoid_axes([axis])
-    place, grid, delta = axes.index(axis), whole.subgrid(axes), samples.interval(0).delta
-    # of all steps, as one wide grid serves them all
-    speeds = np.max([samples.interval(step).speeds for step in range(samples.problem.steps if timed else 1)], axis=0)
-    # as far as the state comes in an interval; velocities there are those at the end
-    more = int(np.ceil(checked_travel(whole, speeds, delta)[axis])) + MARGIN
-    by = [(more, more) if i == place else (0, 0) for i in range(len(axes))]
-    each = zip(grid.ends, grid.ends_where("frees").T, strict=True)  # who leaves there is out of danger here too
-    ends = [[end if free else "wall" for end, free in zip(*one, strict=True)] for one in each]
-    name = f"the ends of axis {whole.names[axis]}"
-    x = leaf("x", 0)
-    depth = make("min", x - constant(low), constant(high) - x) + constant(slack)
-    past = UnsafeSet((place,), Formula((depth,), 1, 1), name=name)
-    there = dynamics.clipped(np.array(whole.lower), np.array(whole.upper)).on_axes(axes, np.array(whole.lower))
-    wide = Samples(samples.problem, grid.wider(by, ends), there, [past])
-    inside = tuple(slice(extra, extra + n) for (extra, _), n in zip(by, grid.shape, strict=True))
-    return Danger(axes, timed, wide, past, wide.avoid_axes(past.axes), inside)

@@ -24,12 +24,11 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, narrowed
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import UnsafeSet
-from sdhj.problem.velocities import Velocities
+from sdhj.problem.velocities import Velocities, checked_travel
 from sdhj.solver.hopf_lax import Moved, maxima_over_sets
 from sdhj.solver.schemes import (
     Scheme,
     arranged_bytes,
-    checked_travel,
     evolve,
     evolve_with_early_end,
     too_restless_error,

@@ -294,25 +294,22 @@ class GridParts:
         if (padding := self.samples.padded.grid.padding) != problem.grid.padding:
             values = np.pad(values, padding, "edge")
         start = np.full(tube.shape, np.inf, tube.dtype) if problem.has_no_target else before
-        for reach_sets in self._reach_sets(values, step, *some):
+        games, inner = self.games, self.samples.padded.grid.inner
+        # all inputs of one byte of marks together, at the nodes without a padding
+        if hasattr(games, "grouped_reach_sets"):
+            found: Iterator[Maxima | Pieces] = games.grouped_reach_sets(values, step, *some)
+        else:
+            found = in_eights((j, np.asarray(phi)[inner]) for j, phi in games.reach(values, step))
+        # by the box E of the prediction error
+        if problem.sensing and not problem.sensing.remembers:
+            found = in_eights((j, eroded_by_error(problem, phi)) for j, phi in one_by_one(found))
+        for reach_sets in found:
             rows.add(tube, marks, reach_sets, step, start)
             # From the second group of inputs on, the tube is lowered further.
             start = tube
         # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
         if problem.has_no_target:
             np.maximum(tube, before, out=tube)
-
-    def _reach_sets(self, values: FloatArray, step: int, *some: Sequence[int]) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of {values <= 0}, without padding, all inputs of one byte of marks together."""
-        problem, games, inner = self.problem, self.games, self.samples.padded.grid.inner
-        if hasattr(games, "grouped_reach_sets"):
-            found: Any = games.grouped_reach_sets(values, step, *some)
-        else:
-            found = in_eights((j, np.asarray(phi)[inner]) for j, phi in games.reach(values, step))
-        # by the box E of the prediction error
-        if problem.sensing and not problem.sensing.remembers:
-            found = in_eights((j, eroded_by_error(problem, phi)) for j, phi in one_by_one(found))
-        yield from found
 
 
 def bytes_of_entry(parts: GridParts) -> int:

@@ -34,7 +34,7 @@ from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, STENCIL_RADIUS, Layout, stage
 from sdhj.problem.boxes import most_on_padding, out_of_danger
 from sdhj.problem.grid import Grid
-from sdhj.problem.velocities import MOST_STEPS, Velocities, too_fast_error
+from sdhj.problem.velocities import Velocities
 
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
@@ -116,14 +116,6 @@ def checked_scheme(scheme: Any) -> None:
         raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {scheme!r}")
 
 
-def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells are crossed along each axis in `duration` s; ValueError above `MOST_STEPS`."""
-    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
-    if max(cells) > MOST_STEPS:
-        raise too_fast_error(grid, speed, duration, max(cells), "cells to be crossed")
-    return np.array(cells)
-
-
 def too_restless_error(delta: float) -> ValueError:
     """The ValueError for velocities that change too fast within an interval of delta s."""
     return ValueError(
@@ -184,13 +176,6 @@ def _with_ghosts(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> 
     for row in [*range(layout.top), *range(rows - layout.top, rows)]:
         out[:, row] = out[:, layout.source[row] + layout.top]
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
-
-
-def _without_ghosts(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
-    """Copy functions that `_with_ghosts` arranged, one after the other, without ghost nodes to `out`."""
-    planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
-    out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
 
 
 def _field(
@@ -291,9 +276,12 @@ def evolve(
     if obstacle is not None:
         np.maximum(phi, obstacle_at(0.0), out=phi)
     phi, free = _integrate(phi, np.empty_like(phi), euler, STAGES[scheme.integrator], steps, dt)
-    inner = free.ravel()[: grid.size]  # fresh memory would cost a tenth of a solve
-    _without_ghosts(layout, phi, inner)
-    return inner.reshape(grid.shape)
+    # without ghost nodes, into what is free: fresh memory would cost a tenth of a solve
+    out = free.ravel()[: grid.size].reshape(grid.shape)
+    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
+    out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
+    return out
 
 
 def evolve_with_early_end(
