@@ -463,8 +463,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     ),
     "steps of late sets": (
         "argument",
-        "int(asked.sum()), 0, len(wrong), wrong",
-        "int(asked.sum()), 0, 0 if step else len(wrong), wrong",
+        "int(asked.sum()), wrong, f",
+        "int(asked.sum()), [] if step else wrong, f",
         "a late set that has all cells",
     ),
     "what stays is new each time": (

@@ -42,7 +42,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, Claim
+from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, Claim, Count
 from sdhj.certified.check.intervals import Array
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
@@ -73,7 +73,6 @@ TILE = 8  # cells along an axis that are looked at together first: a car takes 1
 SLAB = 1 << 15  # boxes that are looked at at once
 PLACES = 1 << 16  # whose tubes are in memory at once
 MOST_CELLS = 1 << 26  # of all tasks that are looked at together
-SHOWN = 5  # failures that are named
 OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower and the upper ends of boxes
 
 # of boxes (2, axes, M) to where something holds all over them, and where it nowhere does, both (M,) bool
@@ -765,7 +764,7 @@ class Argument:
         steps = self.problem.steps
         return [(k, n) for k in range(1 if self.alike else steps + 1) for n in range(steps - k + 1)]
 
-    def not_nearer(self, step: int, within: int, chosen: Array) -> "Count":
+    def not_nearer(self, step: int, within: int, chosen: Array) -> Count:
         """The cells of S_k^n, n > 0, that no clear input leads into S_{k+1}^{n-1}, or the target itself, counted.
 
         With a target only of cells that S_k^{n-1} has not.
@@ -779,7 +778,7 @@ class Argument:
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
             wrong += self.not_led(begin + np.flatnonzero(asked[begin : begin + SLAB * 8]), step, all_in).tolist()
-        return Count(int(new.sum()), int(asked.sum()), 0, len(wrong), wrong[:SHOWN])
+        return Count(int(new.sum()), int(asked.sum()), wrong, f"start {step}, within {within}, cell ")
 
     def not_led(self, numbers: Array, step: int, all_in: AllIn) -> Array:
         """Those of cells, by their flat numbers, from which no input leads on, in the interval from a step."""
@@ -902,7 +901,7 @@ class Argument:
                     found[name].add(one)
         yield from (own.claim(name) for name, own in found.items() if name != ARRIVE or len(self.arrives))
 
-    def of_an_input(self, start: int, j: int, of_step: OfStep, chosen: Array) -> dict[str, "Count"]:
+    def of_an_input(self, start: int, j: int, of_step: OfStep, chosen: Array) -> dict[str, Count]:
         """What is claimed of moves, clear inputs and arrivals under u_j from `start` on, counted by name.
 
         What `take_out` does not prove, by finer and finer pieces of the interval, has failed.
@@ -913,11 +912,11 @@ class Argument:
             for pieces in FINENESS:
                 self.take_out(start, j, pieces, left)
         for one in left:
-            found[one.name].fail(one.what, one.cells)
+            found[one.name].add(Count(failed=np.flatnonzero(one.cells), what=f"{one.what} "))
         return found
 
     def to_be_asked(
-        self, start: int, j: int, of_step: OfStep, chosen: Array, found: Mapping[str, "Count"]
+        self, start: int, j: int, of_step: OfStep, chosen: Array, found: Mapping[str, Count]
     ) -> list["Asked"]:
         """What is said of promised and chosen cells, with what is said in all counted into `found`."""
         out = []
@@ -925,7 +924,9 @@ class Argument:
             promised, others = of_step(step), axes_of(~one.axes)
             made = one.cells & promised.any(axis=others, keepdims=True)
             asked = one.cells & (promised & chosen).any(axis=others, keepdims=True)
-            found[one.name].note(made, asked, one.cells)
+            count = Count(int(made.sum()), int(asked.sum()))
+            count.beside = int(one.cells.sum()) - count.made
+            found[one.name].add(count)
             out.append(one._replace(cells=asked))
         return out
 
@@ -974,11 +975,11 @@ class Argument:
         goals, nearer = Count(), Count()
         with ThreadPoolExecutor(self.together(len(self.pairs))) as pool:
             made = pool.map(lambda pair: self.of_a_set(pair[0], pair[1], chosen), self.pairs)
-            for (step, within), one in zip(self.pairs, bar(made, "sets", len(self.pairs)), strict=True):
-                (nearer if within else goals).add(one, f"start {step}, within {within}, cell ")
+            for (_, within), one in zip(self.pairs, bar(made, "sets", len(self.pairs)), strict=True):
+                (nearer if within else goals).add(one)
         yield from (goals.claim(GOALS), nearer.claim(NEARER))
 
-    def of_a_set(self, step: int, within: int, chosen: Array) -> "Count":
+    def of_a_set(self, step: int, within: int, chosen: Array) -> Count:
         """What is claimed of the cells of S_k^n, counted."""
         if within:
             return self.not_nearer(step, within, chosen)
@@ -987,36 +988,7 @@ class Argument:
         # What overflows is not finite and proves nothing, so that nobody need be warned.
         with np.errstate(all="ignore"):
             bad = asked[~in_slabs(partial(self.goals_hold, step), asked)]
-        return Count(int(here.sum()), asked.size, 0, bad.size, bad[:SHOWN].tolist())
-
-
-class Count:
-    """How many claims were made, checked, left aside as nothing is promised of them, and not proved."""
-
-    def __init__(self, made: int = 0, checked: int = 0, beside: int = 0, failed: int = 0, wrong: Any = ()) -> None:
-        """Begin with these numbers; `wrong` is said of the first that were not proved."""
-        self.made, self.checked, self.beside, self.failed, self.wrong = made, checked, beside, failed, list(wrong)
-
-    def note(self, made: Array, checked: Array, said: Array | None = None) -> None:
-        """Count claims by arrays of truth values: made, looked at, and what else the file said."""
-        self.made, self.checked = self.made + int(made.sum()), self.checked + int(checked.sum())
-        self.beside += 0 if said is None else int(said.sum()) - int(made.sum())
-
-    def fail(self, what: str, failed: Array) -> None:
-        """Count those that were not proved, an array of truth values, and name the first."""
-        numbers = np.flatnonzero(failed)
-        self.failed += numbers.size
-        self.wrong += [f"{what} {number}" for number in numbers[: max(SHOWN - len(self.wrong), 0)]]
-
-    def claim(self, name: str) -> Claim:
-        """The `Claim` of a name that has these numbers."""
-        return Claim(name, self.made, self.checked, self.wrong, self.failed, beside=self.beside)
-
-    def add(self, more: "Count", what: str = "") -> None:
-        """Add the numbers of another count."""
-        self.made, self.checked = self.made + more.made, self.checked + more.checked
-        self.beside, self.failed = self.beside + more.beside, self.failed + more.failed
-        self.wrong += [f"{what}{one}" for one in more.wrong[: max(SHOWN - len(self.wrong), 0)]]
+        return Count(int(here.sum()), asked.size, bad, f"start {step}, within 0, cell ")
 
 
 def farthest(swept: Array) -> Array:

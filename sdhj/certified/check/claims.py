@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+
+from sdhj.certified.check.intervals import Array
 
 SHOWN = 5  # failures listed for each claim
 COVER, PREDICTED, MOVES, CLEAR, ARRIVE, GROW, GOALS, NEARER = (
@@ -47,6 +50,25 @@ class Claim:
         line = f"{self.name}: {self.checked:,} of {self.made:,} checked{edge}, {verdict}"
         line += f"; {self.beside:,} of cells that are not promised were not looked at" if self.beside else ""
         return "\n".join([line, *(f"    {failure}" for failure in self.failures[:SHOWN])])
+
+
+class Count:
+    """How many claims were made, checked, not proved, and left aside as nothing is promised of them (`beside`)."""
+
+    def __init__(self, made: int = 0, checked: int = 0, failed: Sequence[Any] | Array = (), what: str = "") -> None:
+        """Begin with these numbers; failed : the numbers of cells of which it was not proved, named behind `what`."""
+        self.made, self.checked, self.beside, self.failed = made, checked, 0, len(failed)
+        self.wrong = [f"{what}{cell}" for cell in failed[:SHOWN]]
+
+    def add(self, more: "Count") -> None:
+        """Add the numbers of another count."""
+        self.made, self.checked = self.made + more.made, self.checked + more.checked
+        self.beside, self.failed = self.beside + more.beside, self.failed + more.failed
+        self.wrong = [*self.wrong, *more.wrong][:SHOWN]
+
+    def claim(self, name: str) -> Claim:
+        """The `Claim` of a name that has these numbers."""
+        return Claim(name, self.made, self.checked, self.wrong, self.failed, beside=self.beside)
 
 
 @dataclass(frozen=True)

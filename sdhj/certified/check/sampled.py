@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.argument import FINENESS, SHOWN, Argument, Clear, Tubes, axes_of, marked
-from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, Claim
+from sdhj.certified.check.argument import FINENESS, Argument, Clear, Tubes, axes_of, marked
+from sdhj.certified.check.claims import ARRIVE, CLEAR, COVER, GOALS, GROW, MOVES, NEARER, PREDICTED, SHOWN, Claim
 from sdhj.certified.check.files import BEFORE
 from sdhj.certified.check.intervals import Array
 

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.certified.check.argument import SHOWN, Argument, Bar, Count, silently
-from sdhj.certified.check.claims import Claim
+from sdhj.certified.check.argument import Argument, Bar, silently
+from sdhj.certified.check.claims import Claim, Count
 from sdhj.certified.check.intervals import Array
 from sdhj.certified.check.reading import expect
 
@@ -233,7 +233,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
     fewest = steps_to_go(sets, start, left, none)
     for cells, ids in words.ids(start):
         for name, made, bad in claims_of_steps(words, ids, fewest[cells], left, none):
-            yield name, counted(made, cells.start + bad, f"start {start}, cell")
+            yield name, Count(made, made, cells.start + bad, f"start {start}, cell ")
     if "clear" in words.fields:
         yield from (("clear", one) for one in clear_at(words, sets, start, every))
     # By steps to go, as the sums of one set take longest and serve all words that lead into it.
@@ -255,7 +255,8 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
                 if leads:
                     bad[asked] = ~sets.leads(cells.start + asked, start, j, all_in)
                 for name, at in own.items():
-                    yield name, counted(at.size, cells.start + at[bad[at]], f"start {start}, input {j}, cell")
+                    wrong = cells.start + at[bad[at]]
+                    yield name, Count(at.size, at.size, wrong, f"start {start}, input {j}, cell ")
 
 
 def clear_at(words: Words, sets: Argument, start: int, every: bool) -> Iterator[Count]:
@@ -267,14 +268,10 @@ def clear_at(words: Words, sets: Argument, start: int, every: bool) -> Iterator[
         said, at = words.fields["clear"][ids], np.array(np.unravel_index(np.r_[cells], sets.counts))
         clear = np.array([sets.is_clear(start, j, at) for j in range(sets.problem.count)]).T & going
         bad = cells.start + np.flatnonzero((said & ~clear).any(axis=1))
-        own = counted(int(said[promised[cells]].sum()), bad, f"start {start}, cell")
-        own.beside = int(said.sum()) - own.made
+        made = int(said[promised[cells]].sum())
+        own = Count(made, made, bad, f"start {start}, cell ")
+        own.beside = int(said.sum()) - made
         yield own
-
-
-def counted(made: int, bad: Array, what: str) -> Count:
-    """So many claims, all checked, of which those of the cells `bad` do not hold."""
-    return Count(made, made, 0, len(bad), [f"{what} {cell}" for cell in bad[:SHOWN]])
 
 
 def steps_to_go(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
