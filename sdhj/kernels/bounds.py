@@ -18,47 +18,45 @@ PI_UP = float.fromhex("0x1.921fb54442d19p+1")  # the next number above pi
 LARGE = 1e300  # the reciprocal of a power that is nearly this small has lost digits
 TURN = 0.15915494309189533577  # in a radian
 
-_inlined = inlined(error_model="numpy")
 
-
-@_inlined
+@inlined
 def lesser(a, b):
     """The lesser of two numbers; the second where one is NaN."""
     return a if a < b else b
 
 
-@_inlined
+@inlined
 def larger(a, b):
     """The larger of two numbers; the second where one is NaN."""
     return a if a > b else b
 
 
-@_inlined
+@inlined
 def nearest(low, high):
     """The least absolute value of the numbers in [low, high]: 0 where 0 is among them."""
     return larger(larger(low, -high), 0.0)
 
 
-@_inlined
+@inlined
 def farthest(low, high):
     """The largest absolute value of the numbers in [low, high]."""
     return larger(-low, high)
 
 
-@_inlined
+@inlined
 def hull(p, q, r, s):
     """(least, greatest) of four numbers."""
     return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))
 
 
-@_inlined
+@inlined
 def widened(low, high, share, tiny, zero):
     """(low, high) moved outward by `share` of their size and `tiny` more; an end that is 0, by `zero` instead."""
     less, more = zero if low == 0.0 else tiny, zero if high == 0.0 else tiny
     return low - (abs(low) * share + less), high + (abs(high) * share + more)
 
 
-@_inlined
+@inlined
 def summed(a, b, c, d):
     """(low, high): the sums a + b and c + d, each moved outward only where it is not already beyond the exact sum.
 
@@ -70,21 +68,21 @@ def summed(a, b, c, d):
     return low, high if rest_high <= 0.0 else high + abs(high) * STEP
 
 
-@_inlined
+@inlined
 def left_over(a, b, total):
     """a + b - total, the rounding error of a sum, exactly (Knuth's sum of two); NaN where numbers are too large."""
     second = total - a
     return (a - (total - second)) + (b - second)
 
 
-@_inlined
+@inlined
 def outward_within_sign(low, high, negative, positive):
     """(low, high) of products or quotients, moved outward, but not across 0 if none is negative, or positive."""
     low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)
     return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)
 
 
-@_inlined
+@inlined
 def mul(a, b, c, d):
     """(low, high) of [a, b] * [c, d]: the hull of the products of the ends, rounded outward."""
     low, high = hull(a * c, a * d, b * c, b * d)
@@ -92,7 +90,7 @@ def mul(a, b, c, d):
     return outward_within_sign(low, high, negative, positive)
 
 
-@_inlined
+@inlined
 def div(a, b, c, d):
     """(low, high) of [a, b] / [c, d]: the hull of the ends' quotients, outward; low is NaN for 0 in [c, d]."""
     above, below = c > 0.0, d < 0.0
@@ -102,14 +100,14 @@ def div(a, b, c, d):
     return low if above | below else NAN, high
 
 
-@_inlined
+@inlined
 def _holds_whole(low, high):
     """Whether a whole number lies in [low, high], or so near to it that rounding of the ends may hide it."""
     slack = 4.0 * STEP * (1.0 + farthest(low, high))
     return np.ceil(low - slack) <= np.floor(high + slack)
 
 
-@_inlined
+@inlined
 def wave(low, high, p, q, shift):
     """(low, high) of sin or cos over [low, high]: p or q, its values there, or -1 and 1 where an extreme lies within.
 
@@ -121,13 +119,13 @@ def wave(low, high, p, q, shift):
     return least + 0.0 * (p + q), most  # NaN where an end is too large
 
 
-@_inlined
+@inlined
 def tan(low, high, least):
     """The lower end of tan over [low, high]: `least`, the value at `low`; NaN where a pole may lie within."""
     return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least
 
 
-@_inlined
+@inlined
 def mod(a, b, c, d, p, q):
     """(low, high) of mod over operands in [a, b] and divisors in [c, d], from p = mod(a, c) and q = mod(b, d).
 
@@ -141,7 +139,7 @@ def mod(a, b, c, d, p, q):
     return (larger(low, p) if rises else low) if known else NAN, lesser(high, q) if rises else high
 
 
-@_inlined
+@inlined
 def power(low, high, p, q, n):
     """(low, high) of the n-th power over [low, high], from p and q, its least and largest value, widened already.
 

@@ -14,6 +14,7 @@ side called first, nor on what other processes left on disk. All this rests on p
 where a version lacks one (`LINKED` is False), every kernel is compiled as Numba does: slower, to the same results.
 """
 
+import gc
 import os
 import pickle
 import sys
@@ -36,6 +37,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, install_listener
 from numba.core.options import DefaultOptions
 from numba.core.registry import CPUDispatcher, cpu_target
+from numba.core.targetconfig import TargetConfig
 from numba.extending import overload
 from tqdm import tqdm
 
@@ -46,6 +48,7 @@ except ImportError:  # on Windows
 
 LINE = "compiling for this machine, up to a minute; later runs read it from a cache"
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
+SELDOM = 100_000  # objects that are made between two looks for garbage while a kernel is compiled; Python's own is 700
 GLANCE = 0.05  # s between two looks at how many cores are free
 KEPT_DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
 PROC = Path("/proc")  # where Linux says so
@@ -55,6 +58,10 @@ _listening: list[Listener] = []
 # The option is not among Numba's documented ones: a version without it counts, and takes twice as long.
 UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # of a function that only compiled code calls
+# By NumPy's rules of division nothing asks whether a divisor is 0. All kernels have them: NumPy's functions, and those
+# that are `inlined`, are compiled anew for each set of options of the functions that call them.
+DIVISION: Any = {"error_model": "numpy"}
+INLINED: Any = {"forceinline": True, **DIVISION, **WITHIN}
 LOOP = "__numba_parfor"  # how Numba names what threads do of a loop; were it another name, that would be made whole
 # Whether this version of Numba has what `Whole` and `Linked` use of its insides.
 LINKED = all(
@@ -67,13 +74,16 @@ LINKED = all(
     )
 ) and hasattr(CompileResult, "_find_referenced_environments")
 LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "set_env"))
+LINKED = LINKED and all(hasattr(TargetConfig(), name) for name in ("options", "values", "_values"))
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk.
+    """Compile a function as `numba.njit(error_model="numpy", **options)` does, and keep the machine code on disk.
 
     With parallel=True, loops are shared out to threads if the largest array has `least` entries.
     """
+
+    options = {**DIVISION, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
         whole = {"pipeline_class": Whole, **options} if LINKED else options
@@ -117,12 +127,36 @@ class Whole(Compiler):
         self.state.library.enable_object_caching()
         before, codegen._library_class = codegen._library_class, Linked  # one thread at a time compiles
         try:
-            found = super().compile_extra(func)
+            with _sooner():
+                found = super().compile_extra(func)
         finally:
             codegen._library_class = before
         for environment in found._find_referenced_environments():  # as Numba does when it reads it from the disk
             codegen.set_env(environment.env_name, environment)
         return found
+
+
+@contextmanager
+def _sooner() -> Iterator[None]:
+    """A context in which Numba makes the same code in seven eighths of the time."""
+    often, values = gc.get_threshold(), TargetConfig.values
+    gc.set_threshold(SELDOM if often[0] else 0)  # to look for garbage among all it makes: .08
+    TargetConfig.values = _values  # type: ignore[method-assign]  # asked some 240,000 times for README's car: .06
+    try:
+        yield
+    finally:
+        gc.set_threshold(*often)
+        TargetConfig.values = values  # type: ignore[method-assign]
+
+
+def _values(flags: TargetConfig) -> dict[str, Any]:
+    """What `TargetConfig.values` returns, but options that are not set are read once for each kind of flags."""
+    return {**_defaults(type(flags)), **flags._values}
+
+
+@cache
+def _defaults(kind: type[TargetConfig]) -> dict[str, Any]:
+    return {name: option.default for name, option in kind.options.items()}
 
 
 class Linked(JITCodeLibrary):
@@ -334,20 +368,14 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forked)
 
 
-def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator for functions that are compiled into each kernel that calls them.
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function into each kernel that calls it.
 
     The function may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are
     unrolled, when compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
     """
-
-    inside: Any = {"forceinline": True, **WITHIN, **options}
-
-    def compiled(function: Callable[..., Any]) -> Any:
-        overload(function, strict=False, jit_options=inside)(lambda *types: function)
-        return function
-
-    return compiled
+    overload(function, strict=False, jit_options=INLINED)(lambda *types: function)
+    return function
 
 
 def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
@@ -364,8 +392,7 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
-    inside: Any = {"forceinline": True, **WITHIN}
-    overload(call, strict=False, jit_options=inside)(compiled)
+    overload(call, strict=False, jit_options=INLINED)(compiled)
     return call
 
 

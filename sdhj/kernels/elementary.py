@@ -38,10 +38,8 @@ QUARTER_LOW, HALF_PI, PI = 3.06161699786838301793e-17, math.pi / 2, math.pi
 HALF_PI_LOW, PI_LOW = 6.12323399573676603587e-17, 1.22464679914735317720e-16
 TWO_THIRDS, TWO_THIRDS_LOW = 2 / 3, 2.0**-54 * 2 / 3
 
-_inlined = inlined(error_model="numpy")
 
-
-@_inlined
+@inlined
 def _reduced(x):
     """x less whole quarter turns: (r, bits), r in [-pi/4, pi/4], bits an int64 whose last bits count these turns.
 
@@ -53,7 +51,7 @@ def _reduced(x):
     return ((((x - k * P1) - k * P2) - k * P3) - k * P4) - k * P5, np.float64(bits).view(np.int64)
 
 
-@_inlined
+@inlined
 def _sine(r):
     """sin(r) for |r| <= pi/4, by fdlibm's polynomial."""
     z = r * r
@@ -64,7 +62,7 @@ def _sine(r):
     return r + r * z * (-1.66666666666666324348e-01 + z * tail)
 
 
-@_inlined
+@inlined
 def _cosine(r):
     """cos(r) for |r| <= pi/4, by fdlibm's polynomial."""
     z = r * r
@@ -75,7 +73,7 @@ def _cosine(r):
     return 1.0 - (0.5 * z - z * z * (4.16666666666666019037e-02 + z * tail))
 
 
-@_inlined
+@inlined
 def sine(x, quarter_turns):
     """sin(x + quarter_turns pi/2), quarter_turns whole: the sine for 0, the cosine for 1. NaN beyond TURNS."""
     r, quarter = _reduced(x)
@@ -84,7 +82,7 @@ def sine(x, quarter_turns):
     return -value if quarter & 2 else value
 
 
-@_inlined
+@inlined
 def tan(x):
     """sin(r) / cos(r), or -cos(r) / sin(r) in odd quarter turns, for r of `_reduced`. NaN beyond TURNS."""
     r, quarter = _reduced(x)
@@ -92,13 +90,13 @@ def tan(x):
     return (-c if quarter & 1 else s) / (s if quarter & 1 else c)
 
 
-@_inlined
+@inlined
 def _power_of_two(exponent):
     """2^exponent for an int64 exponent from -1022 to 1023, by its bits."""
     return np.int64((exponent + 1023) << 52).view(np.float64)
 
 
-@_inlined
+@inlined
 def _exp(x, low):
     """exp(x + low), |low| at most about a unit in the last place of x: 2^k e^r, e^r by a Taylor polynomial."""
     x = -750.0 if x < -750.0 else x
@@ -116,13 +114,13 @@ def _exp(x, low):
     return value * _power_of_two(half_bits) * _power_of_two(k_bits - half_bits)
 
 
-@_inlined
+@inlined
 def exp(x):
     """e^x: 0 far below 0, infinity where it overflows, NaN for NaN."""
     return _exp(x, 0.0)
 
 
-@_inlined
+@inlined
 def _split(x):
     """(k, f), two floats, of x = 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2), for x > 0 and finite."""
     small = x < 2.0**-1022
@@ -132,7 +130,7 @@ def _split(x):
     return (k - 54.0 if small else k), np.int64((bits & FRACTION) + ROOT_BITS).view(np.float64) - 1.0
 
 
-@_inlined
+@inlined
 def log(x):
     """k ln 2 + log(1 + f), by fdlibm's polynomial in s = f / (2 + f). NaN for x <= 0."""
     k, f = _split(x)
@@ -148,7 +146,7 @@ def log(x):
     return value if x > 0.0 else NAN
 
 
-@_inlined
+@inlined
 def _product(a, b):
     """(p, rest): the product a b as the exact sum of two floats (Dekker 1971), for numbers of moderate size."""
     p, wide_a, wide_b = a * b, a * 134217729.0, b * 134217729.0
@@ -157,7 +155,7 @@ def _product(a, b):
     return p, ((head_a * head_b - p) + head_a * tail_b + tail_a * head_b) + tail_a * tail_b
 
 
-@_inlined
+@inlined
 def _long_log(x):
     """(high, low): log(x) as the sum of two floats, to 62 bits, for x > 0 and finite.
 
@@ -180,7 +178,7 @@ def _long_log(x):
     return second, low + (q_low + (2.0 * s_low + 6.0 * (s_low * z) / 3.0 + k * LN2_LOW))
 
 
-@_inlined
+@inlined
 def pow(a, b):
     """a^b = exp(b log(a)) for a > 0, or 0 for a = 0 and b > 0; NaN elsewhere."""
     high, low = _long_log(a)
@@ -194,7 +192,7 @@ def pow(a, b):
     return value if (a > 0.0) & (a < INF) | (a == 0.0) & (b > 0.0) else NAN
 
 
-@_inlined
+@inlined
 def _artan(p, q):
     """(high, low): arctan(p / q) as the sum of two floats, for p, q >= 0, not both 0 and not both infinite."""
     x = p / q
@@ -219,7 +217,7 @@ def _artan(p, q):
     return total, (t - (total - high)) + rest
 
 
-@_inlined
+@inlined
 def arctan(x):
     """arctan(x) in [-pi/2, pi/2]: that of |x| as the sum of two floats, with the sign of x."""
     high, low = _artan(abs(x), 1.0)
@@ -227,7 +225,7 @@ def arctan(x):
     return -value if x < 0.0 else value
 
 
-@_inlined
+@inlined
 def arctan2(y, x):
     """The angle of the point (x, y), from -pi to pi; the sign of a zero counts as in NumPy."""
     high, low = _artan(abs(y), abs(x))
@@ -237,7 +235,7 @@ def arctan2(y, x):
     return -value if np.float64(y).view(np.int64) < 0 else value
 
 
-@_inlined
+@inlined
 def tanh(x):
     """tanh(x): x + x^3 p(x^2) / q(x^2) for small |x| (Cephes), else 1 - 2 / (e^(2 |x|) + 1) with its sign."""
     z = x * x
@@ -248,7 +246,7 @@ def tanh(x):
     return small if abs(x) < 0.625 else (-large if x < 0.0 else large)
 
 
-@_inlined
+@inlined
 def _arc(z):
     """(arcsin(s) - s) / s for z = s^2 <= 1/4, by fdlibm's rational function of z."""
     p = 2.01212532134862925881e-01 + z * (
@@ -259,7 +257,7 @@ def _arc(z):
     return top / (1.0 + z * (-2.40339491173441421878e00 + z * q))
 
 
-@_inlined
+@inlined
 def arcsin(x):
     """arcsin(x), by a rational function; pi/2 - 2 arcsin(sqrt((1 - |x|) / 2)) for |x| > 1/2. NaN for |x| > 1."""
     size = abs(x)
@@ -271,7 +269,7 @@ def arcsin(x):
     return -value if x < 0.0 else value
 
 
-@_inlined
+@inlined
 def arccos(x):
     """arccos(x) = pi/2 - arcsin(x), by half angles for |x| > 1/2. NaN for |x| > 1."""
     size = abs(x)
@@ -283,7 +281,7 @@ def arccos(x):
     return near if large else HALF_PI - (value - HALF_PI_LOW)
 
 
-@_inlined
+@inlined
 def hypot(a, b):
     """sqrt(a^2 + b^2), computed of numbers scaled by a power of two, so that squares do not overflow."""
     a, b = abs(a), abs(b)
@@ -296,7 +294,7 @@ def hypot(a, b):
     return math.sqrt(a * a + b * b) * up
 
 
-@_inlined
+@inlined
 def mod(a, b):
     """a - floor(a / b) b, rounded once; it has the sign of b. NaN for b = 0 and for more than LAPS laps, |a / b|."""
     laps = (a / b + ROUND) - ROUND  # the nearest, so that both differences below are exact

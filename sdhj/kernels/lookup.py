@@ -23,6 +23,7 @@ from sdhj.kernels.tubes import (
     CHECK_TIMES,
     PATH,
     Answers,
+    AvoidTubes,
     Leads,
     LookupScratch,
     StoredTubes,
@@ -54,7 +55,7 @@ def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, st
             for j in range(out.safe.shape[1]):
                 some |= out.safe[rows[r], j]
             if not some:
-                hazards(stored_tubes, step, states[rows[r]], lattice, room.scratch, samples.hazard[r])
+                hazards(stored_tubes.avoid, step, states[rows[r]], lattice, room.scratch, samples.hazard[r])
         waiting = propose(waiting, within, states, rows, ints, floats, leads, out, samples)
     return True
 
@@ -130,7 +131,7 @@ def decide(
     which begins with what is in to_go, safe, margins and best. ints, floats : what is `packed` of the problem at this
     step (`sdhj.kernels.tubes`). If it has a tape for what inputs
         lead to, that is played, and `ends` not read.
-    steps, index, tubes, marks, static, moving : as in `StoredTubes`.
+    steps, index, tubes, marks : as in `StoredTubes`; static, moving : as in `AvoidTubes`.
     ends, scores, normals : as in `Leads`.
     to_go, safe, margins, best : `Answers`, written in place for the given rows.
     """
@@ -140,11 +141,11 @@ def decide(
     count = length(ints, np.int64(CHECK_TIMES))
     sets = length(ints, np.int64(AT_UNSAFE + RESULTS))
     width = max(1, min(BLOCK // max(count, 1), rows.size))  # states at a time
-    size = 64  # nodes of a block
+    size = np.int64(64)  # nodes of a block; 64 itself would be a type of its own
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
     faces = part(ints, floats, AT_FACES)
-    still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
-    stored_tubes = StoredTubes(steps, index, tubes, marks, static, still, moving, timed)
+    avoid = AvoidTubes(static, part(ints, ints, AT_STATIC), moving, part(ints, ints, AT_MOVING))
+    stored_tubes = StoredTubes(steps, index, tubes, marks, avoid)
     terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
     alike = played == 0 and ends.shape[3] == 1
     near = ends if alike else np.empty((terms, inputs, ndim, width))

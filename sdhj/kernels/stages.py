@@ -22,7 +22,6 @@ BLOCKS = 64  # pieces that threads share a stage in
 # No liberty is given to the compiler. Were it allowed to fuse multiplications and additions, it would do so in the part
 # of a row that it vectorises otherwise than in what is left over, and the bits of a node would hang on where its row
 # begins and on how the row is cut, which the version of Python decides.
-_inlined = inlined()
 
 
 class Layout(NamedTuple):
@@ -43,26 +42,26 @@ class Layout(NamedTuple):
     periodic: bool  # the last axis
 
 
-@_inlined
+@inlined
 def _smaller(a, b):
     """Of two numbers the one of smaller magnitude; b where magnitudes are equal."""
     return a if abs(a) < abs(b) else b  # a tie goes to b, the inner difference: mirror images stay mirror images
 
 
-@_inlined
+@inlined
 def _larger(a, b):
     """The larger of two numbers."""
     return a if a > b else b
 
 
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
-@_inlined
+@inlined
 def first_order(c, left, right):
     """(dx p-, dx p+), the first differences: phi_i - phi_{i-1} and phi_{i+1} - phi_i."""
     return c - left[0], right[0] - c
 
 
-@_inlined
+@inlined
 def second_order(c, left, right):
     """(dx p-, dx p+): first differences, corrected by half the smaller of the second differences at their nodes."""
     half = type(c)(0.5)
@@ -72,7 +71,7 @@ def second_order(c, left, right):
     return minus + half * _smaller(minus - (m1 - m2), bend), plus - half * _smaller((p2 - p1) - plus, bend)
 
 
-@_inlined
+@inlined
 def third_order(c, left, right):
     """(dx p-, dx p+): slopes of parabolas, corrected by a third difference (ENO, Osher & Shu 1991).
 
@@ -94,7 +93,7 @@ def third_order(c, left, right):
 
 
 # Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
-@_inlined
+@inlined
 def godunov(minus, plus, low, high):
     """max(low p, high p), each velocity with its upwind difference; at least 0 where low < 0 < high: standing still."""
     zero = type(low)(0.0)
@@ -102,7 +101,7 @@ def godunov(minus, plus, low, high):
     return _larger(best, zero) if (low < zero) & (high > zero) else best
 
 
-@_inlined
+@inlined
 def lax_friedrichs(minus, plus, low, high):
     """H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2, of H(p) = max(low p, high p): just enough dissipation."""
     half = type(low)(0.5)
@@ -116,7 +115,7 @@ HAMILTONIANS = {"godunov": godunov, "lax-friedrichs": lax_friedrichs}
 _differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
 
 
-@_inlined
+@inlined
 def _runs_of_axes(rest, near, start, first, velocities):
     """For each axis a tuple of where the three runs to its left and the three to its right begin, and its `_velocity`.
 
@@ -132,7 +131,7 @@ def _runs_of_axes(rest, near, start, first, velocities):
     return (this, *_runs_of_axes(rest[1:], near, start, first, velocities))
 
 
-@_inlined
+@inlined
 def _velocity(velocities, axis, ndim, first):
     """(low, high) of an axis over dx; of velocities that depend on the state, their places in the box, and 1 / dx."""
     box = velocities[0]
@@ -143,7 +142,7 @@ def _velocity(velocities, axis, ndim, first):
     return np.uint64(axis * size + at), np.uint64((ndim + axis) * size + at), velocities[1][axis]
 
 
-@_inlined
+@inlined
 def _upwind(phi, axis, box, order, c, i):
     """(p-, p+, low, high) of one axis (`_runs_of_axes`) at node i of a run, where phi is c."""
     (l1, l2, l3), (r1, r2, r3), velocity = axis
@@ -151,7 +150,7 @@ def _upwind(phi, axis, box, order, c, i):
     return _scaled(*_differences(order, c, left, right), velocity, box, i)
 
 
-@_inlined
+@inlined
 def _scaled(minus, plus, velocity, box, i):
     """(p-, p+, low, high) of an axis at node i: the differences times 1 / dx, unless the `_velocity` has it."""
     if len(velocity) == 2:  # constants, which have been divided by dx
@@ -160,7 +159,7 @@ def _scaled(minus, plus, velocity, box, i):
     return inverse * minus, inverse * plus, box[low + i], box[high + i]
 
 
-@_inlined
+@inlined
 def _sum_hamiltonians(axes, total, phi, box, order, flux, c, i):
     """`total` plus the numerical Hamiltonians of axes at node i, where phi is c, added one after the other."""
     if len(axes) == 0:
@@ -169,7 +168,7 @@ def _sum_hamiltonians(axes, total, phi, box, order, flux, c, i):
     return _sum_hamiltonians(axes[1:], total, phi, box, order, flux, c, i)
 
 
-@_inlined
+@inlined
 def _dot(rest, total, p, field, at, stride, i):
     """`total` plus the sum over axes of p[axis, i] field[at + axis stride + i]."""
     if len(rest) == 0:
@@ -178,7 +177,7 @@ def _dot(rest, total, p, field, at, stride, i):
     return _dot(rest[1:], total, p, field, at + stride, stride, i)
 
 
-@_inlined
+@inlined
 def _kept(keep, old):
     """keep * old, but 0 where keep is 0: what was there need not even be a number."""
     return keep * (old if keep > 0 else keep)

@@ -110,7 +110,7 @@ def slots_of(ints, first):
     return ints[ints[2 * (first + SLOTS)]] if length(ints, np.int64(first + SLOTS)) > 0 else 0
 
 
-@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
+@kernel(forceinline=True, **UNCOUNTED)  # at one place
 def _arithmetic(op, scratch, i, j, k, count):
     """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from ADD to OR; NaN for a divisor 0. In place."""
     a, b, out = scratch[i], scratch[j], scratch[k]
@@ -147,7 +147,7 @@ def _arithmetic(op, scratch, i, j, k, count):
             out[m] = np.floor(a[m])
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def _elementary(op, scratch, i, j, k, count):
     """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from POW to MOD; NaN outside a domain. In place."""
     a, b, out = scratch[i], scratch[j], scratch[k]
@@ -190,7 +190,7 @@ def _elementary(op, scratch, i, j, k, count):
             out[m] = elementary.mod(a[m], b[m])
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def _power(scratch, i, n, k, count):
     """scratch[k] = scratch[i]^n at `count` points, n a whole number, k not i; NaN for 0 to a negative power. In place.
 
@@ -214,7 +214,7 @@ def _power(scratch, i, n, k, count):
             out[m] = 1.0 / out[m] if a[m] != 0.0 else NAN
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def _truths(op, scratch, i, j, k, last, count):
     """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, op from SIGN to WHERE, in place.
 
@@ -245,7 +245,7 @@ def _truths(op, scratch, i, j, k, last, count):
             out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def _values(op, scratch, i, j, k, n, last, count):
     """scratch[k] = op(scratch[i], scratch[j]) at `count` points, op from ADD on, k no operand's row; in place.
 
@@ -262,7 +262,7 @@ def _values(op, scratch, i, j, k, n, last, count):
         _truths(op, scratch, i, j, k, last, count)
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
     """(value, largest): a table's interpolant at position (axes,), in nodes, and the greatest |value| of the cell.
 
@@ -287,7 +287,7 @@ def _interpolated(tables, first, lookup, position, corner):
     return corner[0], most
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def _gridded(lookup, places, tables, scratch, place, out, count, position, corner):
     """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; in place.
 
@@ -319,7 +319,7 @@ def work_for(slots, points):
     return Work(np.empty((slots + 1, points)), np.empty(slots, np.int64), np.empty(6), np.empty(64))
 
 
-@kernel(error_model="numpy", **UNCOUNTED)
+@kernel(**UNCOUNTED)
 def play_with_scratch(ints, floats, first, points, parameters, out, start, stop, work):
     """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], (K, M).
 
@@ -362,7 +362,7 @@ def play_with_scratch(ints, floats, first, points, parameters, out, start, stop,
     return total
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def play_part(ints, floats, first, points, parameters, out, start, stop):
     """`play_with_scratch` with scratch of its own."""
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
@@ -391,7 +391,7 @@ def _share_out(work: Any, count: int, *arguments: Any) -> list[Any]:
         return list(pool.map(lambda part_ends: work(*arguments, *part_ends), ends))
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _magnitudes(scratch, i, k, count):
     """Write the interval of |a| at `count` boxes to rows 2 k and 2 k + 1 of scratch; a's is in rows 2 i and 2 i + 1."""
     a, out = scratch[2 * i : 2 * i + 2], scratch[2 * k : 2 * k + 2]
@@ -399,7 +399,7 @@ def _magnitudes(scratch, i, k, count):
         out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _values_at_extremes(op, fact, scratch, i, j, k, n, count):
     """Write an operation's values where it is least and greatest, not rounded, to rows 2 k and 2 k + 1 of scratch.
 
@@ -423,7 +423,7 @@ def _values_at_extremes(op, fact, scratch, i, j, k, n, count):
             out[0, m], out[1, m] = bounds.hull(out[0, m], out[1, m], other[0, m], other[1, m])
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _outward(op, fact, scratch, i, j, k, n, count):
     """Make of what `_values_at_extremes` left in rows 2 k and 2 k + 1 intervals that are rounded outward, in place.
 
@@ -459,7 +459,7 @@ def _outward(op, fact, scratch, i, j, k, n, count):
             out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _direct_bounds(op, scratch, i, j, k, last, count):
     """Write intervals of operations that are `DIRECT`, rounded outward, to rows 2 k and 2 k + 1 of scratch.
 
@@ -500,7 +500,7 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
             out[0, m], out[1, m] = low if fine else NAN, high
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _copy_nodes(lookup, tables, first, last, block, at):
     """Copy a table's values at the nodes first to last (axes,), included, to block (nodes,); returns how many."""
     at[:] = first
@@ -525,7 +525,7 @@ def _copy_nodes(lookup, tables, first, last, block, at):
     return place
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _interpolate_ends(block, before, count, behind, low, high):
     """Replace a block's values at the first and the last of `count` nodes along an axis by those at two ends, in place.
 
@@ -541,7 +541,7 @@ def _interpolate_ends(block, before, count, behind, low, high):
             block[begin + k], block[end + behind + k] = first, last
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _extremes_of_blocks(lookup, tables, first, last):
     """(least, greatest) of a table in few blocks of its `pyramid` that cover the nodes first to last (axes,)."""
     axes = lookup[0]
@@ -574,7 +574,7 @@ def _extremes_of_blocks(lookup, tables, first, last):
     return low, high
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
     """out[0, m], out[1, m] = bounds, rounded outward, of a table's interpolant over box m, for `count` boxes, in place.
 
@@ -620,7 +620,7 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
         out[0, m], out[1, m] = least - slack if fine else NAN, greatest + slack
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _undefined_to_nan(scratch, i, j, k, count):
     """Make the intervals in rows 2 k and 2 k + 1 NaN, in place, where an end is not finite or an operand NaN."""
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
@@ -630,7 +630,7 @@ def _undefined_to_nan(scratch, i, j, k, count):
         out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _is_constant(row):
     """Whether all numbers of a row are one, and not zeros, which have two signs; the last first, as most rows rise."""
     for back in range(row.size):
@@ -639,7 +639,7 @@ def _is_constant(row):
     return row[0] != 0.0
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def play_bounds_part(ints, floats, facts, low, high, ends, out, start, stop):
     """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], as `play_bounds` does."""
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)

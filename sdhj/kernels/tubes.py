@@ -32,6 +32,15 @@ AT_UNSAFE = AT_AHEAD + TABLES + 1
 AT_TARGET = AT_UNSAFE + TABLES + 1
 
 
+class AvoidTubes(NamedTuple):
+    """The avoid tubes of a table: of sets that stand still, and of those that move."""
+
+    static: Any  # (L, size of the subgrid)
+    static_axes: Any  # the subgrid's
+    moving: Any  # (steps * L, size of the subgrid)
+    moving_axes: Any
+
+
 class StoredTubes(NamedTuple):
     """A look-up table as compiled code reads it, every function on a grid flat, in an array of `size` nodes."""
 
@@ -40,12 +49,7 @@ class StoredTubes(NamedTuple):
     # (T, size): the level-set functions, and (T, bytes, size) uint8, a bit for each input
     tubes: Any
     marks: Any
-    # the avoid tubes of sets that stand still, (L, size of the subgrid), and the subgrid's axes
-    static: Any
-    static_axes: Any
-    # those of sets that move, (steps * L, size of the subgrid), and the subgrid's axes
-    moving: Any
-    moving_axes: Any
+    avoid: AvoidTubes
 
 
 class Leads(NamedTuple):
@@ -317,15 +321,15 @@ def _worst_values(values, state, ends, column, normals, order, lattice, scratch,
     out[:] = -np.inf
     if normals.shape[0] > 0:
         last, slabs = _count_slabs(state, ends, normals, column, lattice, scratch)
-        for slab in range(slabs):
+        for slab in range(slabs):  # the type of 0 is 0 itself, and would have a kernel of its own: hence `np.int64`
             _write_boxes_at_slab(slab, last, ends, normals, column, lattice, scratch.moved)
-            _raise_to_worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, out)
+            _raise_to_worst_in_boxes(state, scratch.moved, np.int64(0), order, lattice, scratch, out)
         return
     alone = ends.shape[0] == PATH
     for point in range(1 if alone else _count_points(state, ends, column, lattice, scratch)):
         if not alone:
             _write_boxes_at_point(point, ends, column, scratch)
-        boxes, of = (ends, column) if alone else (scratch.moved, 0)
+        boxes, of = (ends, column) if alone else (scratch.moved, np.int64(0))
         _raise_to_worst_in_boxes(state, boxes, of, order, lattice, scratch, out)
 
 
@@ -358,18 +362,18 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 
 @kernel(**UNCOUNTED)
-def _hazard(stored_tubes, step, j, scratch, still, moving):
+def _hazard(avoid, step, j, scratch, still, moving):
     """The interpolated avoid tube of input j over the interval from a step: <= 0 where the input is safe.
 
     still, moving : how many nodes scratch.index and scratch.weight have for the static and the moving one.
     """
-    value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
+    value = weighted(avoid.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
-    return max(value, weighted(stored_tubes.moving, place, scratch.index[1], scratch.weight[1], moving))
+    return max(value, weighted(avoid.moving, place, scratch.index[1], scratch.weight[1], moving))
 
 
 @kernel(**UNCOUNTED)
-def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
+def _safe_and_best(avoid, step, state, lattice, scratch, margin, safe):
     """Write whether each input is safe to safe (L,), for a state at a step, and return the best input.
 
     By marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the safe one of least
@@ -382,10 +386,10 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
             best = j
     if best >= 0:
         return best
-    still = nodes_around(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
-    moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
+    still = nodes_around(state, avoid.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
+    moving = nodes_around(state, avoid.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(safe.size):
-        safe[j] = margin[j] <= 0.0 and _hazard(stored_tubes, step, j, scratch, still, moving) <= 0.0
+        safe[j] = margin[j] <= 0.0 and _hazard(avoid, step, j, scratch, still, moving) <= 0.0
         if safe[j] and (best < 0 or margin[j] < margin[best]):
             best = j
     if best >= 0:
@@ -393,7 +397,7 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe):
     best, least = 0, np.inf
     for j in range(safe.size):
         # No input is safe: the one that is hoped to fail least.
-        worse = max(margin[j], _hazard(stored_tubes, step, j, scratch, still, moving))
+        worse = max(margin[j], _hazard(avoid, step, j, scratch, still, moving))
         one, other = scratch.marked[j], scratch.marked[best]
         if one > other or (one == other and worse < least):
             best, least = j, worse
@@ -423,7 +427,7 @@ def by_tubes(m, states, step, within, stored_tubes, ends, column, normals, order
         _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n + more], index, count, scratch.marked)
         tube = stored_tubes.tubes[stored_tubes.index[following + n + more - 1]]
         _worst_values(tube, state, ends, column, normals, order, lattice, scratch, margins[m])
-        best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m])
+        best[m] = _safe_and_best(stored_tubes.avoid, step, state, lattice, scratch, margins[m], safe[m])
         if safe[m, best[m]] or not to_go[m] == n < steps - step:
             to_go[m] += more
             break
@@ -448,13 +452,13 @@ def hull_of(ends, column, spacing, hull):
 
 
 @kernel(**UNCOUNTED)
-def hazards(stored_tubes, step, state, lattice, scratch, out):
+def hazards(avoid, step, state, lattice, scratch, out):
     """out[j] = the interpolated avoid tube of u_j at a finite state over an interval, in place; <= 0: safe."""
-    still = nodes_around(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
-    moving = nodes_around(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
+    still = nodes_around(state, avoid.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
+    moving = nodes_around(state, avoid.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):
         # For `next_input`, which chooses among inputs that are not safe, and for `avoid_values`.
-        out[j] = _hazard(stored_tubes, step, j, scratch, still, moving)
+        out[j] = _hazard(avoid, step, j, scratch, still, moving)
 
 
 @kernel(inline="always")  # as its caller counts references, or does not
@@ -485,15 +489,14 @@ def working_room(columns, ndim, inputs, size, segments, held):
 def avoid_values(states, step, ints, floats, static, moving, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step; out (M, L), in place.
 
-    states (M, ndim) : finite. Beyond an end of the grid, that at the end. static, moving : as in `StoredTubes`.
+    states (M, ndim) : finite. Beyond an end of the grid, that at the end. static, moving : as in `AvoidTubes`.
     """
-    axes = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING))
     lattice = unpacked_lattice(ints, floats)
-    nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
-    stored_tubes = StoredTubes(0, *nothing, static, axes[0], moving, axes[1])
-    scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
+    avoid = AvoidTubes(static, part(ints, ints, AT_STATIC), moving, part(ints, ints, AT_MOVING))
+    one, none = np.int64(1), np.int64(0)
+    scratch = working_room(one, states.shape[1], out.shape[1], none, none, part(ints, floats, AT_FACES))
     for m in range(out.shape[0]):
-        hazards(stored_tubes, step, states[m], lattice, scratch, out[m])
+        hazards(avoid, step, states[m], lattice, scratch, out[m])
 
 
 @kernel(**UNCOUNTED)

@@ -16,7 +16,6 @@ from sdhj.kernels.stages import BLOCKS
 
 EIGHT = 8  # inputs at a time
 PAST = 32  # numbers beyond a row that may be written, and beyond its pieces that may be read
-_inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
@@ -45,7 +44,7 @@ class InPieces(NamedTuple):
     nodes: int
 
 
-@_inlined
+@inlined
 def _write_reach_row(out, reach_sets, j, row):
     """Write row number `row` of the reach set of an input, the j-th in `reach_sets`, to out (B + PAST,), in place."""
     # told apart by how many arrays they are: a field more of `InPieces` or of `Leaves` changes what is meant here

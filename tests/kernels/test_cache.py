@@ -52,7 +52,7 @@ def test_everything_is_compiled_by_the_decorator_that_watches_the_package() -> N
     assert {path for path, its in found.items() if its} == MAKERS, found
 
 
-@inlined()
+@inlined
 def weighted(rest, total, weights):
     """total + sum of the products of two tuples."""
     if len(rest) == 0:
@@ -60,12 +60,12 @@ def weighted(rest, total, weights):
     return weighted(rest[1:], total + rest[0] * weights[0], weights[1:])
 
 
-@inlined()
+@inlined
 def half(x, y):
     return (x + y) / 2
 
 
-@inlined()
+@inlined
 def larger(x, y):
     return max(x, y)
 
@@ -108,7 +108,7 @@ HEAD = "from small.compiling import inlined, kernel\n"
 SMALL = {
     "__init__.py": "",
     "helper.py": f"{HEAD}STEP = 1\n\n@kernel()\ndef helper(x):\n    return x + 1\n\n"
-    "@inlined()\ndef unrolled(x):\n    return x * 5\n",
+    "@inlined\ndef unrolled(x):\n    return x * 5\n",
     "apart.py": f"{HEAD}from small.helper import STEP, helper, unrolled\n\n"
     "@kernel(nogil=True)\ndef twice(x):\n    return unrolled(helper(helper(x)) * STEP)\n",
 }
