@@ -1002,7 +1002,17 @@ def lane():
     return replace(problem, dynamics=dynamics, unsafe=[above])
 
 
+def parked():
+    """The cart whose first input stops it at once, so that where this leads depends on no speed."""
+
+    def drift(q, u):
+        return np.stack([q[:, 1] if u[0] else np.full(len(q), 0.0), np.full(len(q), u[0])], axis=1)
+
+    return replace(cart(), dynamics=sdhj.Dynamics([[0.0], [-3.0], [3.0]], drift, [[0.0], [1.0]], [0.2]))
+
+
 ROBOTS |= {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1), "lane": (lane, (10, 10), 2)}
+ROBOTS |= {"parked": (parked, (20, 20), 1)}
 
 
 def whole(name, values):
@@ -1163,6 +1173,7 @@ FORGERIES |= {
     "steps that are true": Forgery("line", "steps must be a number", head(lambda told: told.update(steps=True))),
     "an axis of a set that is true": Forgery("plane", "axes of a set", of_a_set(1, axes=[False, True])),
     "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
+    "a cart on too few axes for its other inputs": Forgery("parked", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
     "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
     "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
     "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
