@@ -21,23 +21,12 @@ from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.dangers import Dangers, dangers_of, kept_together
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.packing import Changes, Packing
-from sdhj.certified.word_tubes import (
-    HALVINGS_OF_A_BOX,
-    Lattice,
-    boxes_in_words,
-    far_beyond,
-    in_words,
-    lattice_for,
-    size_in_words,
-    united,
-    windows,
-)
 from sdhj.common.checks import whole
 from sdhj.common.memory import require_memory
 from sdhj.common.remembering import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
-from sdhj.kernels.packed import STATE_SLACK, to_words
+from sdhj.kernels.packed import to_words
 from sdhj.kernels.stencils import (
     CELLS_IN_CACHE,
     TOGETHER,
@@ -51,7 +40,6 @@ from sdhj.kernels.stencils import (
     mark_collisions,
     mark_exits,
 )
-from sdhj.kernels.windows import clear_inputs_that_meet
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.table.container import Contents
@@ -73,8 +61,8 @@ def counted_boxes(
     """Boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
     A box is a cell, or one of up to `PIECES_OF_A_CELL` equal parts along each axis; layers have none. There is one
-    array of sums for each interval of `times`, and of several one more for all together. Along a periodic axis there
-    are two laps. There are about `most` boxes, at all times and for all `steps`.
+    array of sums for each interval of `times`, and of several one more for all together. There are about `most` boxes,
+    at all times and for all `steps`.
     """
     # No layers: boxes follow the axes themselves, and cells of a layer have no width.
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
@@ -93,18 +81,14 @@ def counted_boxes(
     some = [~bounds.outside(unsafe_set, low, high, span, HALVINGS_OF_A_BOX) for span in times]
     # of the whole interval, last, where span 0 of `mark_collisions` finds it
     some += [np.any(some, axis=0)] if len(some) > 1 else []
-    laps = sizes * np.where(own.periodic, 2, 1)
-    sums = np.zeros((len(some), *(laps + 1)), np.int32)
+    sums = np.zeros((len(some), *(sizes + 1)), np.int32)
     for counted, meets in zip(sums, some, strict=True):
-        # Twice around, so that a window across the seam is one box as well.
-        for k in np.flatnonzero(own.periodic).tolist():
-            meets = np.concatenate([meets, meets], axis=k)
         counted[(slice(1, None),) * sizes.size] = meets
         for k, n in enumerate(counted.shape):
             add_up(counted.reshape(-1), n, math.prod(counted.shape[k + 1 :]))
     return Boxes(
         np.array(unsafe_set.axes),
-        laps,
+        sizes,
         own.lower,
         pitch,
         own.length,
@@ -114,11 +98,10 @@ def counted_boxes(
     )
 
 
+HALVINGS_OF_A_BOX = 2  # along each axis, where the sign of a set's function is open: 4 pieces
 NUMBER_OF_A_BLOCK = 4  # bytes, for each row of cells of each set
-BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
+BYTES_OF_A_BOX, BYTES_OF_A_COUNT = 16, 4  # while the cells in a set are looked for, and as long as boxes are counted
 FINEST = 8  # pieces of a part
-SETS_AT_HAND = 40  # as many as boxes of half a cell on three axes, with margins, and their unions take in words
-TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
 
@@ -142,21 +125,19 @@ def peak_bytes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: in
     own = place_axes(problem, axes)
     # it has to count every array of `of`, `prepare` and `Packing`; `chosen_cells` takes fewer cells where it is large
     moves = moves_of(problem, axes, own)[1]
-    tested = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
-    boxes = [
-        math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
-        for part in problem.all_sets
-        if not any(part is one for one in tested)
-    ]
+    boxes = [math.prod(axes[k].count for k in part.axes) for part in problem.all_sets]
+    counted, every = 0, problem.most_steps * (parts + 1)  # boxes that are counted, at all times
+    for part in problem.unsafe:
+        counted += math.prod(axes[k].count for k in part.axes) * (every if part.moving else 1)
     needed = 4 * math.prod(moves) + bytes_of_clear(problem, axes) + 9 * math.prod(axis.count for axis in axes)
-    needed += 8 * size_in_words(axes) * (moves[1] + SETS_AT_HAND) if tested else 0
     needed += math.prod(sites_of(problem, axes, own)[1])
     if own[-1]:  # once more, as the recursion asks for them
         needed += 4 * math.prod(moves[1:])
     steps = problem.steps or 0  # for ever the last set alone is kept
     entries = steps + 1 if problem.time_invariant else (steps + 1) * (steps + 2) // 2
     needed += NUMBER_OF_A_BLOCK * entries * math.prod(axis.count for axis in axes[:-1])
-    return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
+    needed += BYTES_OF_A_COUNT * counted + BYTES_OF_A_BOX * max(boxes, default=0)
+    return needed + 16 * PLACES * len(axes) * parts
 
 
 class _Asked(NamedTuple):
@@ -360,34 +341,18 @@ class GeneralProof(Images):
 
         ValueError as from `Images.fill`.
         """
-        arrivals, tested, every = Arrivals(self), self.sets_tested_in_words, self._asked()
+        arrivals, every = Arrivals(self), self._asked()
         mark = partial(self._mark_collisions, every, self._boxes_of_sets(progress))
-        # Of all places only where a set asks for all at once.
-        tubes_at_hand = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if tested else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
             mark(start, j, some, tubes)
             arrivals.add(start, j, some, last)
-            if tested:
-                tubes_at_hand[start, j, some] = tubes
 
         self.fill(int(finest(self.problem, self.parts, self.low.shape)), progress, use)
-        for unsafe_set in tqdm(tested, desc="unsafe sets", leave=False, disable=hidden(progress)):
-            asked = next(one for one in every if self.problem.unsafe.index(unsafe_set) in one.dangers.sets)
-            self._mark_in_words(asked, unsafe_set, tubes_at_hand[..., list(unsafe_set.axes), :])
-        # after all marks, and before what is read-only; `Packing` is made of what is clear then
+        # after all marks, and before what is read-only
         self._unite(every)
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
-
-    @cached_property
-    def sets_tested_in_words(self) -> tuple[UnsafeSet, ...]:
-        """The unsafe sets that tubes are tested against 64 cells at a time (`word_tubes.in_words`)."""
-        few = math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
-        depends = self.strides > 0
-        return tuple(
-            one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
-        )
 
     def _unite(self, asked: Sequence[_Asked]) -> None:
         """Clear in `clear` what was marked of dangers that are kept with those of more axes."""
@@ -399,44 +364,6 @@ class GeneralProof(Images):
                     # A bit for a cell of fewer axes holds for all cells of `one` that lie in it.
                     every &= own.bits.reshape(len(own.bits), *own.layout.counts.tolist(), -1)
 
-    def _mark_in_words(self, asked: _Asked, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
-        """Clear in `asked.bits` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps."""
-        own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
-        axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
-        lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
-        first, last = windows(lattice, NARROW * scale, tubes)
-        far = far_beyond(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
-        for step, times in enumerate(spans):
-            # a set that stands still has one span, for the moves of every start; one that moves has one for each step
-            starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
-            each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
-            for start, place in itertools.product(starts, np.flatnonzero(asked.place >= 0).tolist()):
-                ends = (one[start, :, place].reshape(-1, len(own)) for one in (first, last))
-                met = self._cells_meeting_set(unsafe_set, each, lattice, *ends)
-                steps = range(len(asked.bits)) if len(spans) == len(tubes) == 1 else [max(step, start)]
-                rows = _numbers(np.isin(np.arange(len(self.axes)), own[:-1]), asked.layout.counts)
-                begin, each_row = asked.layout.begin[asked.place[place]] + rows, (len(met), len(rows), -1)
-                for at in steps:
-                    clear_inputs_that_meet(asked.bits[at], begin, met.reshape(each_row), self.axes[-1].count)
-
-    def _cells_meeting_set(
-        self, unsafe_set: UnsafeSet, each: Sequence[FloatArray], lattice: Lattice, first: FloatArray, last: FloatArray
-    ) -> FloatArray:
-        """From which cells of a set's axes the tubes of one place may meet it: bits, (L, n1, ..., W) uint64.
-
-        `each` has the boxes that may meet the set for each part of the interval, or once for all; `first` and `last` (L
-        * parts, d) are the windows of the tubes.
-        """
-        inputs, axes = self.low.shape[1], lattice.axes
-        met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
-        for number, boxes in enumerate(each):
-            # Only where the set moves are there several parts, which come fastest in `first`.
-            some = np.arange(number, len(first), self.parts) if len(each) > 1 else np.arange(len(first))
-            for alike, cells in united(boxes, lattice, first, last, some, len(axes) - 1):
-                for j in filter(unsafe_set.counts, np.unique(alike // self.parts).tolist()):
-                    met[j] |= cells
-        return met
-
     def _mark_collisions(
         self,
         every: Sequence[_Asked],
@@ -446,10 +373,7 @@ class GeneralProof(Images):
         some: FloatArray,
         tubes: FloatArray,
     ) -> None:
-        """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
-
-        Not of `sets_tested_in_words`.
-        """
+        """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end."""
         for asked in every:
             rows = np.flatnonzero(asked.place[some] >= 0)
             if rows.size:
@@ -474,7 +398,7 @@ class GeneralProof(Images):
         if dangers.ends:
             layout = self._in_lines(asked.layout, dangers.ends)
             mark_exits(still, tubes, places, self._faces(dangers.ends), bit, layout)
-        own = [number for number in dangers.sets if number in counted and self.problem.unsafe[number].counts(j)]
+        own = [number for number in dangers.sets if self.problem.unsafe[number].counts(j)]
 
         def mark(clear: FloatArray, boxes: Boxes) -> None:
             together = TOGETHER if clear.size > CELLS_IN_CACHE else 1
@@ -532,9 +456,7 @@ class GeneralProof(Images):
     def _boxes_of_sets(self, progress: bool | None) -> dict[int, list[Boxes]]:
         """The `counted_boxes` of each unsafe set: one for each step, or one of all steps."""
         made, out = partial(counted_boxes, self.bounds, self.axes), dict[int, list[Boxes]]()
-        # Those that are tested in words are marked without such boxes (`_mark_in_words`).
-        each = [(n, part) for n, part in enumerate(self.problem.unsafe) if part not in self.sets_tested_in_words]
-        for number, part in tqdm(each, desc="unsafe sets", leave=False, disable=hidden(progress)):
+        for number, part in enumerate(tqdm(self.problem.unsafe, "unsafe sets", leave=False, disable=hidden(progress))):
             spans = self._spans(part)
             out[number] = [made(part, times, len(spans), self._sway) for times in spans]
         return out

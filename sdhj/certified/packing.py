@@ -13,11 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.certified.cells import CellAxis
-from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.common.remembering import FloatArray, read_only
-from sdhj.kernels.packed import FULL, Cells, swap_packed, to_words
+from sdhj.kernels.packed import Cells, swap_packed, with_beyond
 from sdhj.kernels.stencils import Clear, Moves, grow
-from sdhj.kernels.windows import ClearWords, add_predecessors
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
@@ -53,13 +51,10 @@ class Packing:
     def __init__(self, proof: Any) -> None:
         self.proof, last = proof, len(proof.axes) - 1
         self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0)
-        # all cells move alike, so that images are united (`sdhj.certified.word_tubes`)
-        self.alike = goes_along(proof.problem, proof.strides > 0, range(last + 1))
         # `axis` and the last in each other's place
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}  # the last that was asked for
-        self.words: dict[tuple[int, int], FloatArray] = {}  # by kind of dangers, of the last step that was asked for
 
     def add(self, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Add to `cells` (rows, W) each cell whose image under a clear input is in `following` (rows, W), in place.
@@ -68,9 +63,6 @@ class Packing:
         that was `following` when `cells` was made.
         """
         some = self._at(step)
-        if self.alike:
-            self._add_alike(cells, following, some, self._clear_words(step))
-            return
         # Packed along the last axis already, as tables keep sets.
         if self.axis == len(self.order) - 1:
             self._grow(cells, following, changed, some)
@@ -86,42 +78,6 @@ class Packing:
         self._grow(inside, self._swapped(following, False), changed, some)
         cells[...] = self._swapped(inside, True)
 
-    def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped, clear: ClearWords) -> None:
-        """`add` where all cells move alike.
-
-        The image of a cell is a window, the same from each cell: the cells outside `following` are united over it.
-        """
-        axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
-        first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
-        # whose boxes are the cells themselves
-        lattice = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones)
-        # ~ sets bits past the last cell, here and in `wanted`; `with_beyond` and `add_predecessors` pass them over
-        out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
-        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
-        led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
-        for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_predecessors(missing.reshape(cells.shape), clear, inputs, wanted, led, some.cells.counts)
-        cells[...] = led if self.proof.shrinks else cells | led
-
-    def _clear_words(self, step: int) -> ClearWords:
-        """From which cells each input is clear in the interval from a step."""
-        proof, kept, each = self.proof, dict[tuple[int, int], FloatArray](), list[Any]()
-        for kind, (one, bits) in enumerate(zip(proof.dangers, proof.bits_of_clear, strict=True)):
-            start, counts = min(step, len(bits) - 1), proof.counts_of(one)
-            if (kind, start) not in self.words:
-                self.words[kind, start] = words_by_input(bits[start], int(counts[-1]), len(proof.problem.inputs))
-            words = kept[kind, start] = self.words[kind, start]
-            # By how many words rows go on along each leading axis; 0 where the dangers do not have it.
-            rows = np.cumprod([1, *counts[-2:0:-1].tolist()])[::-1] * (counts[:-1] > 1) * words.shape[2]
-            each.append((words.ravel(), words[0].size, [*rows[: len(counts) - 1], int(counts[-1] > 1)]))
-        # Of earlier steps nothing is kept.
-        self.words = kept
-        sizes = np.array([size for _, size, _ in each], np.int64)
-        begin = np.cumsum([0, *(own.size for own, _, _ in each)])[:-1]
-        strides = np.array([own for *_, own in each], np.int64).reshape(-1, len(proof.axes))
-        every = np.concatenate([np.zeros(0, np.uint64), *(own for own, _, _ in each)])
-        return ClearWords(*read_only((every, begin, sizes, strides)))
-
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped) -> None:
         """`add` for sets that are packed along `axis` already."""
         # only words of cells whose images may hold a change are looked at
@@ -136,7 +92,10 @@ class Packing:
         # a place depends on the packed axis, an end is safe, or images reach farther than the axis is long
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > counts[-1]:
             return following
-        return with_margins(following[:, None], self.proof.axes[self.axis], far)[:, 0]
+        # whole words, half of them before: `images_inside` finds the cells by that
+        out = np.empty((len(following), following.shape[1] + 2 * -(-far // 64)), np.uint64)
+        with_beyond(following, int(counts[-1]), far, bool(some.cells.periodic[-1]), out)
+        return out
 
     def _at(self, step: int) -> _Swapped:
         """What compiled code is handed at a step, in the order of axes `order`."""
@@ -172,12 +131,6 @@ class Packing:
         out = np.empty((len(sets) // first * last, -(-first // 64)), np.uint64)
         swap_packed(sets, first, math.prod(counts[self.axis + 1 : -1].tolist()), last, out)
         return out
-
-
-def words_by_input(bits: FloatArray, count: int, inputs: int) -> FloatArray:
-    """Bits (cells, bytes) in words of rows of `count` cells: (inputs, rows, W)."""
-    each = ((bits[:, j // 8] >> np.uint8(j % 8) & 1).view(np.bool_).reshape(-1, count) for j in range(inputs))
-    return np.stack([to_words(own) if count > 1 else own * FULL for own in each])
 
 
 def reached_words(rows: FloatArray, changed: FloatArray, far: FloatArray, cells: Cells) -> FloatArray:

@@ -26,11 +26,9 @@ The obligations of the proof, where each is met, and the test (certified, promis
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
     For the others: the box swept in each part, `mark_collisions`. [test_images_and_tubes_count_in_cells,
-    test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces] Where cells along all
-    axes of a set move alike and are many, boxes of it are united, 64 cells at a time: `word_tubes`.
-    [test_what_tubes_overlap_is_united_as_plain_loops_say, test_no_state_of_a_clear_cell_is_met] Each set is
-    asked about on all axes that its tubes depend on, and no others: `sdhj.certified.dangers`.
-    [test_a_forgery_is_refused]
+    test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces,
+    test_no_state_of_a_clear_cell_is_met] Each set is asked about on all axes that its tubes depend on, and no others:
+    `sdhj.certified.dangers`. [test_a_forgery_is_refused]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `CONTACT_MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -84,8 +82,7 @@ tests/campaign/test_check_needs_it.py each step of the checker's argument is tak
     4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes
     4    every function of which a set's is the least        "the second post"
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
-    4    what is met 64 cells at a time                     test_what_tubes_overlap_is_united_as_plain_loops_say
-    3    where all go along, 64 cells at a time             test_cells_are_led_by_inputs_that_are_clear
+    3    where all go along, 64 cells at a time             test_words_of_cells_are_led_as_plain_loops_say
     4    only what has wholly left is out of danger         "a rock at a safe end"
     4, 9 an angle on both sides of its jump                 test_every_value_is_on_a_side_of_the_jump
     5    all of a box, not only a part                      "the far half of a tube"

@@ -142,6 +142,28 @@ def swap_packed(sets, first, middle, last, out):
 
 
 @kernel(parallel=True)
+def with_beyond(sets, count, far, periodic, out):
+    """Write rows of `count` bits to `out` with `far` bits, at most a margin, before and behind them.
+
+    These are of the next lap on a periodic axis; on a bounded one the bit at its end, repeated. sets (R, W), out (R,
+    margin + W + margin), overwritten.
+    """
+    words = sets.shape[1]
+    margin = 32 * (out.shape[1] - words)
+    for row in prange(sets.shape[0]):
+        block, whole = out[row], sets[row]
+        block[:] = 0
+        for word in range(words):
+            block[(margin >> 6) + word] = whole[word] & bits_between(word, 0, count)
+        for d in range(1, far + 1):
+            low, high = ((count - d) % count, (d - 1) % count) if periodic else (0, count - 1)
+            if has_bit(whole, low):
+                set_bits(block, margin - d, margin - d + 1)
+            if has_bit(whole, high):
+                set_bits(block, margin + count + d - 1, margin + count + d)
+
+
+@kernel(parallel=True)
 def erode_packed(cells, shifts, passes):
     """A bit of cells (R, W), in place, stays if the bits at all shifts from it are set, axis after axis.
 

@@ -44,7 +44,7 @@ class Clear(NamedTuple):
 class Boxes(NamedTuple):
     """Boxes of equal size on the axes of an unsafe set, and how many of them may meet the set."""
 
-    # (d,): the axes, and how many boxes there are along each; on a periodic axis those of two laps
+    # (d,): the axes, and how many boxes there are along each
     axes: FloatArray
     sizes: FloatArray
     # (d,): where boxes begin, how long one is, and how long the axis is, in its unit
@@ -318,21 +318,20 @@ def add_marked(inside, clear, marks, strides, counts):
 def boxes_along(low, high, k, lattice):
     """(first, past): which boxes along the lattice's k-th axis [low, high] overlaps, that at low at least.
 
-    On a periodic axis the first is in the first of two laps.
+    On a periodic axis the first is in the first lap, and those past the end of it are in the next one.
     """
     size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
     begin, end = low - lattice.lower[k], high - lattice.lower[k]
     if lattice.periodic[k]:
-        lap = size // 2
         if end - begin >= length:
-            return 0, lap
+            return 0, size
         # Both by the same turns, so that the interval keeps its length.
         begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
-        first = min(math.floor(begin / pitch), lap - 1)
+        first = min(math.floor(begin / pitch), size - 1)
         if end > length:
-            last = lap + min(math.ceil((end - length) / pitch), lap)
+            last = size + min(math.ceil((end - length) / pitch), size)
         else:
-            last = min(math.ceil(end / pitch), lap)
+            last = min(math.ceil(end / pitch), size)
     else:
         first = min(max(math.floor(begin / pitch), 0), size - 1)
         last = min(max(math.ceil(end / pitch), 0), size)
@@ -403,7 +402,6 @@ class Lines(NamedTuple):
     along: FloatArray
     hulls: FloatArray
     corner: FloatArray
-    at: FloatArray
     left: FloatArray
     met: FloatArray
 
@@ -423,14 +421,13 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout, together):
     for chunk in prange(CHUNKS):
         cell = np.empty(layout.counts.size, np.int64)
         known = np.full((together, spans), -1)
-        along = np.empty((together, spans, 2, length), np.int64)
-        hulls = np.empty((together, spans, 2, length // SEGMENT + 1), np.int64)
-        corner = np.empty((2, 1 << d - 1), np.int64)
-        at = np.empty((2, d), np.int64)
+        along = np.empty((together, spans, 3, length), np.int64)
+        hulls = np.empty((together, spans, 3, length // SEGMENT + 1), np.int64)
+        corner = np.empty((2, 3 ** (d - 1)), np.int64)
         left = np.empty(length, np.int64)
         met = np.empty(length, np.int64)
         number = np.int64(chunk)
-        scratch = Lines(cell, known, along, hulls, corner, at, left, met)
+        scratch = Lines(cell, known, along, hulls, corner, left, met)
         mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, number, scratch)
 
 
@@ -441,7 +438,7 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
     Span 0 is the whole interval: only cells whose tube meets something there are looked up in each part. A line of one
     place is followed by that of the next, so that memory is read once.
     """
-    cell, known, along, hulls, corner, at, left, met = scratch
+    cell, known, along, hulls, corner, left, met = scratch
     lines = layout.offset.size
     sums = lattice.sums
     total = (places[1] - places[0]) * lines
@@ -465,8 +462,9 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
             if known[nth, span] != place:
                 boxes_of_a_line(begin, span, tube, lattice, layout, along[nth, span], hulls[nth, span])
                 known[nth, span] = place
-            corners_of_a_line(cell, span, tube, lattice, layout, corner, at)
-            count_in_a_line(sums[(span - 1) % len(sums)], corner, along[nth, span], hulls[nth, span], left, met)
+            corners = corners_of_a_line(cell, span, tube, lattice, layout, corner)
+            of_span = sums[(span - 1) % len(sums)]
+            count_in_a_line(of_span, corner, corners, along[nth, span], hulls[nth, span], left, met)
             more = 0
             for n in range(left.size):
                 # Span 0 has only said that some part may meet something: the parts decide.
@@ -493,49 +491,56 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 @kernel(**UNCOUNTED)
 def boxes_of_a_line(begin, span, tube, lattice, layout, along, hulls):
-    """Write `swept_boxes` of a line's cells, times the step of its axis in the sums, to along (2, length).
+    """Write `swept_boxes` of a line's cells, times the step of its axis in the sums, to along (3, length).
 
-    begin : the line's first cell on its axis. hulls (2, segments) : overwritten with those of each `SEGMENT` cells.
+    In order: the first, the end in the first lap, and the end in the next one, or 0. begin : the line's first cell on
+    its axis. hulls (3, segments) : overwritten with those of each `SEGMENT` cells.
     """
     step = 1
     for k in range(lattice.axes.size - 1, -1, -1):
         if lattice.axes[k] == layout.axis:
-            hulls[0], hulls[1] = step * lattice.sizes[k], 0
+            lap = step * lattice.sizes[k]
+            hulls[0], hulls[1], hulls[2] = lap, 0, 0
             for n in range(along.shape[1]):
                 first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)
-                along[0, n], along[1, n] = step * first, step * last
+                along[0, n] = step * first
+                along[1, n] = min(step * last, lap)
+                along[2, n] = max(step * last - lap, 0)
                 segment = n // SEGMENT
                 hulls[0, segment] = min(hulls[0, segment], along[0, n])
-                hulls[1, segment] = max(hulls[1, segment], along[1, n])
+                for side in (1, 2):
+                    hulls[side, segment] = max(hulls[side, segment], along[side, n])
         step *= lattice.sizes[k] + 1
 
 
 @kernel(**UNCOUNTED)
-def corners_of_a_line(cell, span, tube, lattice, layout, corner, at):
-    """Write to corner (2, 2^(d - 1)) the corners of `swept_boxes` in the sums, but for a line's axis, and signs.
+def corners_of_a_line(cell, span, tube, lattice, layout, corner):
+    """Write to corner (2, 3^(d - 1)) corners of `swept_boxes` in the sums, but for a line's axis, and their signs.
 
-    cell (ndim,). at (2, d) : overwritten.
+    cell (ndim,). Returns how many: two on each axis, or three where boxes go on in the next lap.
     """
-    d = lattice.axes.size
-    for k in range(d):
-        if lattice.axes[k] != layout.axis:
-            at[0, k], at[1, k] = swept_boxes(cell[lattice.axes[k]], span, tube, k, lattice, layout.edges)
-    for c in range(corner.shape[1]):
-        # A corner for each choice of the near or the far end along the other axes, as of any prefix sum.
-        flat = 0
-        sign = 1
-        sides = c
-        for k in range(d):
-            flat *= lattice.sizes[k] + 1
-            if lattice.axes[k] != layout.axis:
-                flat += at[sides & 1, k]
-                sign = sign if sides & 1 else -sign
-                sides >>= 1
-        corner[0, c], corner[1, c] = flat, sign
+    corners = 1
+    corner[0, 0], corner[1, 0] = 0, 1
+    for k in range(lattice.axes.size):
+        size = lattice.sizes[k]
+        for c in range(corners):
+            corner[0, c] *= size + 1
+        if lattice.axes[k] == layout.axis:
+            continue
+        first, last = swept_boxes(cell[lattice.axes[k]], span, tube, k, lattice, layout.edges)
+        # Of each corner so far one at the near end, as of any prefix sum, and one at the far end.
+        for c in range(corners):
+            flat, sign = corner[0, c], corner[1, c]
+            corner[0, c], corner[1, c] = flat + first, -sign
+            corner[0, corners + c], corner[1, corners + c] = flat + min(last, size), sign
+            if last > size:  # sums begin anew at the seam
+                corner[0, 2 * corners + c], corner[1, 2 * corners + c] = flat + last - size, sign
+        corners *= 3 if last > size else 2
+    return corners
 
 
 @kernel(**UNCOUNTED)
-def count_in_a_line(sums, corner, along, hulls, left, met):
+def count_in_a_line(sums, corner, corners, along, hulls, left, met):
     """Write to met (length,) how many boxes that may meet the set each cell's tube overlaps, by differences of `sums`.
 
     Segments are looked up first; 0 is written in those that overlap no such box, or where left (length,) is 0.
@@ -544,14 +549,16 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
         begin, end = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size)
         found = 0
         met[begin:end] = 0
-        for c in range(corner.shape[1] if left[begin:end].any() else 0):
+        for c in range(corners if left[begin:end].any() else 0):
             flat, sign = corner[0, c], corner[1, c]
             found += sign * (sums[flat + hulls[1, segment]] - sums[flat + hulls[0, segment]])
+            found += sign * sums[flat + hulls[2, segment]] if hulls[2, segment] > 0 else 0
         # Only where the whole segment overlaps one of them, each cell by itself.
         for n in range(begin, end if found > 0 else begin):
-            for c in range(corner.shape[1] if left[n] > 0 else 0):
+            for c in range(corners if left[n] > 0 else 0):
                 flat, sign = corner[0, c], corner[1, c]
                 met[n] += sign * (sums[flat + along[1, n]] - sums[flat + along[0, n]])
+                met[n] += sign * sums[flat + along[2, n]] if along[2, n] > 0 else 0
 
 
 @kernel(parallel=True)

@@ -7,6 +7,7 @@ from fractions import Fraction
 import naive_certified as naive
 import numpy as np
 import pytest
+from forged_robots import ROBOTS
 from forging import forged
 from naive_certified import SMALL
 from zoo import interval_problem, torus_problem, unicycle_problem
@@ -170,6 +171,29 @@ def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(r
         assert edges[first] <= where.min() and where.max() <= edges[last + 1]
     table.save(tmp_path / "fenced.npz")
     assert table.fraction() > table.fraction(within=0) > 0.0 and verify(tmp_path / "fenced.npz").ok
+
+
+@pytest.mark.slow
+def test_no_state_of_a_clear_cell_is_met(rng):
+    """Of drawn states, at all times of a step, under drawn plays."""
+    problem, cells, parts = ROBOTS["pursued"][0](), *ROBOTS["pursued"][1:]
+    proof, runs, met = proof_of(problem, cells, parts), 40_000, 0
+    proof.prepare(False)
+    clear = np.unpackbits(proof.bits_of_clear[0], axis=-1, bitorder="little", count=4).astype(bool)
+    assert 0.1 < clear.mean() < 0.9
+    states = rng.uniform(problem.grid.lower, problem.grid.upper, (runs, 3))
+    own = [np.searchsorted(axis.edges(), q, "right") - 1 for axis, q in zip(proof.axes, states.T, strict=True)]
+    numbers = np.ravel_multi_index(own, [axis.count for axis in proof.axes])
+    for step, j in itertools.product(range(problem.steps), range(4)):
+        q, push = states.copy(), rng.choice([-1.0, 1.0], (runs, 3)) * [0.4, 0.1, 0.1]
+        hit = np.zeros(runs, bool)
+        for t in np.linspace(0.0, problem.delta, 11):
+            at = q + t * (problem.dynamics.inputs[j] @ np.eye(3)[1:] + push)
+            at[:, 0] = np.clip(at[:, 0], -1.0, 1.0)
+            hit |= problem.unsafe_value(problem.grid.wrapped(at), problem.time(step) + t) <= 0
+        assert not (hit & clear[step, numbers, j]).any()
+        met += int(hit.sum())
+    assert met > 1000
 
 
 @pytest.mark.slow

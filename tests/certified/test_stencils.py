@@ -8,7 +8,7 @@ import pytest
 
 from sdhj.certified.packing import reached_words
 from sdhj.common.remembering import read_only
-from sdhj.kernels.packed import Cells, to_bits, to_words
+from sdhj.kernels.packed import Cells, to_bits, to_words, with_beyond
 from sdhj.kernels.pieces import cut_boxes
 from sdhj.kernels.stencils import TOGETHER, Boxes, Clear, Moves, Placed, grow, mark_collisions, mark_exits
 
@@ -94,15 +94,12 @@ def test_cells_are_struck_as_plain_loops_say(seed):
     meets = [*each, each.any(axis=0)] if len(each) > 1 else each
     sums = []
     for one in meets:
-        for k in np.flatnonzero(periodic[axes]):
-            one = np.concatenate([one, one], axis=k)
         sums.append(np.pad(one, [(1, 0)] * axes.size).astype(np.int32))
         for k in range(axes.size):
             np.cumsum(sums[-1], axis=k, out=sums[-1])
-    laps = sizes * np.where(periodic[axes], 2, 1)
     length, narrow = counts[axes].astype(float), np.full(axes.size, 0.01)
     sums = np.stack([one.ravel() for one in sums])
-    lattice = Boxes(axes, laps, np.ones(axes.size), 1 / fine, length, periodic[axes], narrow, sums)
+    lattice = Boxes(axes, sizes, np.ones(axes.size), 1 / fine, length, periodic[axes], narrow, sums)
     safe = np.array([[-np.inf] * 3, [np.inf] * 3])
     if seed % 3 == 0:
         safe[1, 0] = counts[0] + 0.5
@@ -165,7 +162,11 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     both = np.concatenate([clear.ravel(), beside.ravel()]), np.array([0, clear.size])
     kinds = Clear(*read_only((*both, np.array([[6 * counts[2], counts[2], 1], [counts[2], 0, 1]]))))
     mode = "wrap" if periodic[2] else "edge"
-    extended = to_words(np.pad(following.reshape(12, -1), [(0, 0), (64, 64)], mode=mode))
+    far = min(8, counts[2])
+    wide = np.pad(np.pad(following.reshape(12, -1), [(0, 0), (far, far)], mode=mode), [(0, 0), (64 - far, 64 - far)])
+    extended = np.empty((12, -(-counts[2] // 64) + 2), np.uint64)
+    with_beyond(to_words(following.reshape(12, -1)), counts[2], far, bool(periodic[2]), extended)
+    assert np.array_equal(to_bits(extended, wide.shape[1]), wide)
     found, near = to_words(inside.reshape(12, -1)), np.ones((12, -(-counts[2] // 64)), np.bool_)
     moves = read_only(Moves(low, high, np.array([6, 1, 0]), np.array([[-np.inf] * 3, [np.inf] * 3])))
     grow(near, found, extended, kinds, moves, cells, keep)
