@@ -164,8 +164,8 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
     "where a lower layer is": ("argument", "float(lower - self.layers[k][0] * width)", "float(lower)", "standing"),
     "moves that do not hold": (
         "argument",
-        "moved, places = partial(self.moves_hold, start, j),",
-        "moved, places = lambda some, _: some >= 0,",
+        "partial(failing, partial(self.moves_hold, start, j))",
+        "partial(failing, lambda some, _: some >= 0)",
         "a stronger push",
     ),
     # 10: measurements that err
