@@ -83,8 +83,8 @@ def test_simulate_plays_one_run_and_many(saved):
         (["solve", "-o", "."], "folder"),
         (["info", "missing.npz"], "missing.npz"),
         (["simulate", "missing.npz"], "missing.npz"),
-        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "to 1,000,000, got 999"),
-        (["solve", "--steps", "9" * 400, "-o", "x.npz"], "to 1,000,000, got 999"),
+        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "nodes"),
+        (["solve", "--steps", "9" * 400, "-o", "x.npz"], "steps"),
         (["nonsense"], "nonsense"),
     ],
 )

@@ -156,7 +156,7 @@ def test_cells_that_are_no_numbers_of_cells(cells):
 
 
 def test_cells_are_one_number_for_each_axis():
-    with pytest.raises(ValueError, match=r"axes, got \[40, 40\]"):
+    with pytest.raises(ValueError, match="cells"):
         Certified(cells=[40, 40]).sets(interval_problem(steps=1))
 
 

@@ -35,9 +35,9 @@ def test_outside_is_said(small):
         small.contains(np.full((1, 4), np.nan), start=0, within=2)
     with pytest.raises(ValueError, match=r"shape \(M, 4\)"):
         small.contains(np.zeros((1, 3)), start=0, within=2)
-    with pytest.raises(ValueError, match="whole number from 0"):
+    with pytest.raises(ValueError, match="start"):
         small.contains(far, start=3, within=0)
-    with pytest.raises(ValueError, match="be a whole number"):
+    with pytest.raises(ValueError, match="within"):
         small.contains(far, start=0, within=-1)
 
 

@@ -64,7 +64,7 @@ def test_report_names_machine_versions_ratios_and_exponents(tmp_path):
 def test_nothing_to_measure_is_an_error():
     with pytest.raises(ValueError, match="repeats"):
         bench.measure((9,), repeats=0)
-    with pytest.raises(ValueError, match="each axis, got 8"):
+    with pytest.raises(ValueError, match="nodes"):
         bench.measure((15, 8))
     assert bench.case(bench.LEAST_NODES).free.any() and not bench.case(bench.LEAST_NODES - 1).free.any()
 
@@ -121,7 +121,7 @@ def test_the_first_answer_compiles_few_kernels():
     ("options", "said"),
     [
         (["--nodes", "many"], "many"),
-        (["--nodes", "15,7"], "be at least 9"),
+        (["--nodes", "15,7"], "nodes"),
         (["--repeats", "0"], "repeats"),
         (["-o", "."], "name a file"),
         (["-o", "x.txt"], "x.txt must end in"),

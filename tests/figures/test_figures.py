@@ -238,7 +238,7 @@ def test_write_and_refusals(context, tmp_path):
     files = write("fig09_spaces", context, tmp_path / "new" / "folder", formats=("svg",))
     assert [path.name for path in files] == ["fig09_spaces.svg"] and files[0].stat().st_size > 5000
     assert 'id="pursuer' in files[0].read_text()
-    with pytest.raises(ValueError, match="got 'fig99'"):
+    with pytest.raises(ValueError, match="figure"):
         draw("fig99", context)
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="choose a folder"):

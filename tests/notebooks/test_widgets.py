@@ -726,7 +726,7 @@ def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, poin
     assert image.data.startswith(PNG) and image.alt.startswith("Tubes of a robot")
     (image,) = shown_by(lambda: paper_figure("fig05_game"), monkeypatch)
     assert image.alt == "Fig. 5: The policy moves the robot; the adversary disturbs it and moves the pursuer"
-    with pytest.raises(ValueError, match="figure must be one"):
+    with pytest.raises(ValueError, match="figure"):
         paper_figure("fig99")
 
 
@@ -784,8 +784,8 @@ def test_more_samples_of_the_view_time_miss_less(arm: LookupTable, rng: np.rando
 @pytest.mark.parametrize(
     ("act", "said"),
     [
-        (lambda: combine(np.zeros(1), np.zeros(1), "xor"), "operation must be one"),
-        (lambda: carry("upwind"), "difference must be one"),
+        (lambda: combine(np.zeros(1), np.zeros(1), "xor"), "operation"),
+        (lambda: carry("upwind"), "difference"),
     ],
 )
 def test_unknown_options_are_refused(act: Callable[[], Any], said: str) -> None:

@@ -280,27 +280,27 @@ def test_a_problem_of_your_own_has_no_scene():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"nodes": 4}, "5 to 1,000,000,000, got"),
-        ({"nodes": [25, 25, 25]}, "axes q1, q2, px"),
-        ({"nodes": 25.5}, "to 1,000,000, got 25.5"),
-        ({"nodes": math.nan}, "be a whole number"),
-        ({"nodes": "many"}, ", got 'many'"),
-        ({"steps": 0}, "1 to 1,000,000, got"),
-        ({"steps": 2.5}, ", got 2.5"),
-        ({"input_levels": 1}, "whole number from 2"),
-        ({"input_levels": 257}, "to 256, got 257"),
-        ({"view_time": "guessed"}, "sampled, instantaneous, got 'guessed'"),
-        ({"kinematics": "scara"}, "relative, printed, got 'scara'"),
-        ({"delta": 0.0}, "than 0, got 0.0"),
-        ({"delta": math.nan}, "be finite, got nan"),
-        ({"delta": True}, "a number, got True"),
-        ({"u_max": -1.0}, "than 0, got -1.0"),
-        ({"v_d_max": -0.1}, "least 0, got -0.1"),
-        ({"v_p_max": math.inf}, "be finite, got inf"),
-        ({"lengths": (0.15, -0.15)}, "than 0, got -0.15"),
-        ({"half_width": math.nan}, "be finite, got nan"),
-        ({"pursuer_radius": -0.04}, "least 0, got -0.04"),
-        ({"pursuer_box": 0.0}, "than 0, got 0.0"),
+        ({"nodes": 4}, r"shape\[0\]"),
+        ({"nodes": [25, 25, 25]}, "nodes"),
+        ({"nodes": 25.5}, "nodes"),
+        ({"nodes": math.nan}, "nodes"),
+        ({"nodes": "many"}, "nodes"),
+        ({"steps": 0}, "steps"),
+        ({"steps": 2.5}, "steps"),
+        ({"input_levels": 1}, "input_levels"),
+        ({"input_levels": 257}, "input_levels"),
+        ({"view_time": "guessed"}, "view_time"),
+        ({"kinematics": "scara"}, "kinematics"),
+        ({"delta": 0.0}, "delta"),
+        ({"delta": math.nan}, "delta"),
+        ({"delta": True}, "delta"),
+        ({"u_max": -1.0}, "u_max"),
+        ({"v_d_max": -0.1}, "v_d_max"),
+        ({"v_p_max": math.inf}, "v_p_max"),
+        ({"lengths": (0.15, -0.15)}, r"lengths\[1\]"),
+        ({"half_width": math.nan}, "half_width"),
+        ({"pursuer_radius": -0.04}, "pursuer_radius"),
+        ({"pursuer_box": 0.0}, "pursuer_box"),
         ({"target": None}, "a disk must be"),
         ({"obstacles": Disk(Still((0.0, 0.0)), 0.1)}, "a list of disks"),
         ({"obstacles": [0.1]}, "got 0.1"),
@@ -314,7 +314,7 @@ def test_bad_input_is_refused_in_one_line(arguments, message):
 
 
 def test_bad_evader_input_is_refused():
-    with pytest.raises(ValueError, match=r"least 0, got -0\.06"):
+    with pytest.raises(ValueError, match="evader_radius"):
         small_evader(evader_radius=-0.06)
-    with pytest.raises(ValueError, match="be finite, got nan"):
+    with pytest.raises(ValueError, match="v_e_max"):
         small_evader(v_e_max=math.nan)

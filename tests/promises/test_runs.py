@@ -231,7 +231,7 @@ def test_unknown_adversary() -> None:
 
 @pytest.mark.parametrize("bad", [0, -5, 2.5, True, "many", None, 10**8 + 1, 2**63, 1e308, 10**400])
 def test_runs_must_be_a_count(bad: object) -> None:
-    with pytest.raises(ValueError, match="whole number from 1"):
+    with pytest.raises(ValueError, match="runs"):
         monte_carlo(Controller(zoo.interval_table()), bad)
 
 
@@ -239,7 +239,7 @@ def test_runs_must_be_a_count(bad: object) -> None:
 def test_seed_must_be_a_count(bad: object) -> None:
     controller = Controller(zoo.interval_table())
     for run in (lambda: simulate(controller, [0.0], seed=bad), lambda: monte_carlo(controller, 10, seed=bad)):
-        with pytest.raises(ValueError, match="of at least 0"):
+        with pytest.raises(ValueError, match="seed"):
             run()
 
 
