@@ -1012,7 +1012,15 @@ def parked():
 
 
 ROBOTS |= {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1), "lane": (lane, (10, 10), 2)}
-ROBOTS |= {"parked": (parked, (20, 20), 1)}
+
+
+def between():
+    """In the plane between two walls, one along each axis: which inputs are clear is told for each wall alone."""
+    walls = [sdhj.UnsafeSet((axis,), lambda p, t: 1.5 - np.abs(p[:, 0]), name=f"wall {axis}") for axis in (0, 1)]
+    return replace(plane(), unsafe=walls)
+
+
+ROBOTS |= {"parked": (parked, (20, 20), 1), "between": (between, (20, 20), 1)}
 
 
 def whole(name, values):
@@ -1056,6 +1064,14 @@ def places_on_one_axis(told, arrays):
         moves = arrays[name][()]
         middle = moves.reshape(1, 2, 20, -1, 2)[:, :, 10]
         put(arrays, **{name: middle})
+
+
+def never_clear_of_the_last(told, arrays):
+    """Of the last sets and ends that the file names apart, no input is said to be clear from anywhere."""
+    *_, last = told["proof"]["clear"]
+    size = int(np.prod([told["cells"]["shape"][k] for k in last["axes"]])) * -(-len(told["inputs"]) // 8)
+    assert len(told["proof"]["clear"]) > 1 and arrays["clear"][-size:].any()
+    arrays["clear"][-size:] = 0
 
 
 def on_axes(*each):
@@ -1173,6 +1189,7 @@ FORGERIES |= {
     "steps that are true": Forgery("line", "steps must be a number", head(lambda told: told.update(steps=True))),
     "an axis of a set that is true": Forgery("plane", "axes of a set", of_a_set(1, axes=[False, True])),
     "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
+    "inputs that are clear of the first wall alone": Forgery("between", NEARER, never_clear_of_the_last),
     "a cart on too few axes for its other inputs": Forgery("parked", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
     "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
     "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
