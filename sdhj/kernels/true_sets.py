@@ -286,6 +286,7 @@ def judge(waiting, rows, checks, count, out, samples):
         verdicts[r, j] = PASSES if passes else FAILS
         if lost:
             to_go[m] = -1
+        # by `TRUE_SETS_ONLY` these are the caller's: `fallbacks` wants the best input of a lost state, too
         if lost and checks != TRUE_SETS_ONLY:
             safe[m], margins[m], best[m] = False, np.inf, -1
         elif not passes:

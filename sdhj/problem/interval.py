@@ -252,6 +252,8 @@ class Interval(ReadOnly):
         """Normals (K, ndim) of the planes, beside the axes, that bound where states may end where v is cut."""
         # The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
         # each normal is known.
+        #
+        # Look-ups take any planes, in the order of `displacement_sets`: more of them hold less, and take longer.
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
         pieces = math.prod(dynamics.pieces_of_components(range(ndim)))
         for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():

@@ -265,6 +265,9 @@ class ReachAvoidProblem(Remembering):
         Boxes of reachable states are widened to hold the next prediction: by E + w(h), dw/dt = A w + jumps, w(0) = E,
         for the longest hold h; or with memory the next point: by `error_growth` - b h.
         """
+        # With memory b h is left out as the boxes have it: what v does to a state in that time (*Memory* in
+        # `sdhj.problem.sensing`).
+        #
         # Cells have an E of their own, `sdhj.certified.images.prediction_error`: their file has it as "unsure", and the
         # checker proves it.
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)

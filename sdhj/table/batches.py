@@ -402,8 +402,9 @@ class Table(ReadOnly):
         """The box in which a controller that remembers goes on, and how far off it the next prediction may be.
 
         Two corners (M, ndim): ends of undisturbed paths of the longest and the shortest interval, widened by
-        `problem.error_growth`; and 2 E, or E where the state is known to be at a wall.
+        `problem.error_growth`; and 2 E.
         """
+        # `CertifiedTable` has its own: there the box is of cells, and a state may be known to be at a wall
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still = np.zeros((len(points), problem.dynamics.disturbance_dim))
         # with jitter an interval may be shorter, too (`Sensing.hold`)

@@ -379,6 +379,7 @@ class Problem:
             own = [values[j * size : (j + 1) * size] for j in range(self.count)]
             lines = [*letters]
             for k in range(size):
+                # a gain has a result for each axis and component, bounds one for each component, all else for each axis
                 axis, component = divmod(k, max(self.disturbances, 1)) if name == "gain" else (k, k)
                 what = {
                     "bounds": f"|v{k + 1}| <=",

@@ -71,6 +71,7 @@ class Sets:
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
         """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well."""
+        # `Argument.uncovered` asks the same of other robots' cells
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
