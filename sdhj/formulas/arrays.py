@@ -374,7 +374,9 @@ def weak_type(value: Any) -> Any:
 
     Of Python's numbers, and of the time, which is one then, it takes the kind alone.
     """
-    if isinstance(value, Traced):  # the time is a Python number when points are plain
+    # the time is a Python number when points are plain; no other number without axes loses by it, as formulas have no
+    # narrower floats (`written_as`)
+    if isinstance(value, Traced):
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
     if isinstance(value, list | tuple) and holds_traced(value):
         return traced_array(value).dtype

@@ -64,7 +64,8 @@ def _check_true_sets(rows, states, step, within, checks, ints, floats, leads, st
 def _write_displacement_sets(begin, rows, states, ints, floats, ends, near, boxes, at, hulls, work):
     """Write what inputs lead to from states to `near` (4 + K, L, ndim, R), and hulls of their boxes to `hulls`.
 
-    By the tape for it, or from the columns of `ends` from `begin` on; the first `boxes` terms of `near` make hulls.
+    By the tape for it, whose rows have the order of `near`, or from the columns of `ends` from `begin` on. boxes : the
+    first terms of `near`, of which hulls are made.
     Returns how many nodes a hull may touch at most, -1 where formulas are undefined. at (R, ndim) : overwritten.
     """
     ndim = states.shape[1]

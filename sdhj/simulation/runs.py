@@ -372,7 +372,8 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
         inside = inside[~controller.problem.surely_in_no_tube(inside, 0, steps)]
-        if controller.problem.sensing:  # admissible for every measurement of the state
+        # admissible for every measurement of the state; of a proved table in a closed cell, not in the shell around it
+        if controller.problem.sensing or controller.table.proved:
             inside = inside[controller.table.contains(inside, start=0, within=steps)]
         found.append(inside)
         missing -= len(inside)
