@@ -217,7 +217,7 @@ class _OnAxes:
 class HJIGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by finite differences, or by shifts and the Hopf-Lax formula where these apply.
 
-    ValueError where, in the moving frame, the drift crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an
+    ValueError where, in the moving frame, the drift crosses more than `sdhj.problem.velocities.MOST_STEPS` cells in an
     interval.
     """
 
