@@ -208,7 +208,7 @@ EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[
         "of it missed by the samples",
         [{"step": 1, "samples": n} for n in (20, 2, 1)],
     ),
-    "tube": (lambda of: explore_tube(of.arm), "share of C inside", [{"start": 0, "within": n} for n in range(3)]),
+    "tube": (lambda of: explore_tube(of.arm), "share of C inside", [{"start": 0, "within": n} for n in (1, 2, 3)]),
     "pursuer": (
         lambda of: explore_pursuer(of.arm),
         "share of the pursuer's places",
