@@ -285,13 +285,14 @@ def test_staying_clear_of_unsafe_ends():
 def test_an_adversary_of_ones_own_and_what_it_may_not():
     class Own:
         def __init__(self, size):
-            self.size, self.ends = size, set()
+            self.size, self.ends, self.measured = size, set(), []
 
         def __call__(self, moment):
             self.ends.add((moment.step, round(float(moment.time + moment.remaining), 9)))
             return moment.bounds
 
         def mislead(self, sight):
+            self.measured.append(sight.step)
             return np.full(sight.states.shape, self.size) * sight.box
 
         def shift(self, moment):
@@ -302,6 +303,7 @@ def test_an_adversary_of_ones_own_and_what_it_may_not():
     assert run.outcome == "reached" and len(run.times) == 1 + 20 * len(run.inputs)
     np.testing.assert_allclose(run.times[20], 0.2 + 0.5 - 0.05)
     np.testing.assert_allclose(run.times[40], 0.2 + 1.0 + 0.05)
+    assert own.measured[:3] == [0, 1, 2]  # of each input its own
     with pytest.raises(ValueError, match="return measurement errors within"):
         sdhj.simulate(controller, [-1.7], Own(1.5))
 
