@@ -428,7 +428,7 @@ class GeneralProof(Images):
         # `mark_collisions` needs a line along one of the set's axes, be it of a single cell
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
-        some[along] &= length == 1
+        some[along] = False  # the line itself goes along it
         return layout._replace(offset=_numbers(some, counts), axis=along, stride=stride, length=length)
 
     @kept
