@@ -404,10 +404,10 @@ def on_disk(folder: Path) -> int:
 def anonymous_memory() -> int:
     """Bytes of this process that are in memory and of no file; 0 where the system does not say."""
     try:
-        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+        said = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:  # as on Windows
         return 0
-    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("RssAnon")), 0)
+    return next((1024 * int(line.split()[1]) for line in said if line.startswith("RssAnon")), 0)
 
 
 def give_back() -> None:
