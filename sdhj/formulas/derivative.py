@@ -117,7 +117,7 @@ def _equal_at_border(compared: Node, branches: Sequence[Node]) -> bool:
         return False
     # either side may stand in the branches; two forms of one number are not found to be equal, and count as a jump
     for old, new in (compared.args, compared.args[::-1]):
-        one, other = rebuilt(branches, lambda part, old=old, new=new: new if part is old else None)  # type: ignore[misc]
+        one, other = rebuilt(branches, lambda one, old=old, new=new: new if one is old else None)  # type: ignore[misc]
         if one is other:
             return True
     return False

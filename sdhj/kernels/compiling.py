@@ -94,7 +94,8 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
             dispatcher = njit(**whole)(function)
         if LINKED and isinstance(dispatcher, CPUDispatcher):  # and not the function, where nothing is compiled
             dispatcher.__class__ = Kernel
-            dispatcher.within = njit(**WITHIN, **{name: x for name, x in options.items() if name != "nogil"})(function)  # type: ignore[attr-defined]
+            others = {name: value for name, value in options.items() if name != "nogil"}
+            dispatcher.within = njit(**WITHIN, **others)(function)  # type: ignore[attr-defined]
         # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
         found: Any = getattr(dispatcher, "_cache", None)
         # Numba's own cache watches one file, and would run on with an old helper of another,

@@ -485,8 +485,8 @@ class Argument:
         hold = (self.walls & self.known[:, None]).T[:, :, None]
         bars = np.where(hold[0], robot.lower[:, None], -np.inf), np.where(hold[1], robot.upper[:, None], np.inf)
 
+        # displacements of ends, stopped where a wall is reached, rounded outward
         def held(moved: Array) -> Array:
-            """Displacements of ends, stopped where a wall is reached, rounded outward."""
             stopped = np.clip(at + moved, *bars)
             return np.where(stopped == at + moved, moved, stopped - at + OUT * ROUNDED * self.scale[:, None])
 

@@ -36,8 +36,8 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     runs damaged code.
     """
 
+    # its code is kept on disk behind a digest, where a folder can be written
     def compile_it(function: Any) -> Any:
-        """The function compiled; its code is kept on disk behind a digest, where a folder can be written."""
         try:
             dispatcher = njit(cache=True, **options)(function)
         except RuntimeError:  # no folder for it can be written
@@ -121,8 +121,8 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     """
     words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
 
+    # flags (cells,) bool as bits of 64-bit words, the first in the lowest bit
     def in_bits(flags: Array) -> Array:
-        """Flags (cells,) bool as bits of 64-bit words, the first in the lowest bit."""
         return np.packbits(np.pad(flags, (0, 64 * words - flags.size)), bitorder="little").view(np.uint64)
 
     for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):
