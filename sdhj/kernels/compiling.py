@@ -37,7 +37,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, install_listener
 from numba.core.options import DefaultOptions
 from numba.core.registry import CPUDispatcher, cpu_target
-from numba.core.targetconfig import TargetConfig
 from numba.extending import overload
 from tqdm import tqdm
 
@@ -74,7 +73,6 @@ LINKED = all(
     )
 ) and hasattr(CompileResult, "_find_referenced_environments")
 LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "set_env"))
-LINKED = LINKED and all(hasattr(TargetConfig(), name) for name in ("options", "values", "_values"))
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -127,37 +125,16 @@ class Whole(Compiler):
         self.state.library = codegen.create_library(func.__qualname__)
         self.state.library.enable_object_caching()
         before, codegen._library_class = codegen._library_class, Linked  # one thread at a time compiles
+        often = gc.get_threshold()
+        gc.set_threshold(SELDOM if often[0] else 0)  # looks for garbage among all that Numba makes take .08 of the time
         try:
-            with _sooner():
-                found = super().compile_extra(func)
+            found = super().compile_extra(func)
         finally:
             codegen._library_class = before
+            gc.set_threshold(*often)
         for environment in found._find_referenced_environments():  # as Numba does when it reads it from the disk
             codegen.set_env(environment.env_name, environment)
         return found
-
-
-@contextmanager
-def _sooner() -> Iterator[None]:
-    """A context in which Numba makes the same code in seven eighths of the time."""
-    often, values = gc.get_threshold(), TargetConfig.values
-    gc.set_threshold(SELDOM if often[0] else 0)  # to look for garbage among all it makes: .08
-    TargetConfig.values = _values  # type: ignore[method-assign]  # asked some 240,000 times for README's car: .06
-    try:
-        yield
-    finally:
-        gc.set_threshold(*often)
-        TargetConfig.values = values  # type: ignore[method-assign]
-
-
-def _values(flags: TargetConfig) -> dict[str, Any]:
-    """What `TargetConfig.values` returns, but options that are not set are read once for each kind of flags."""
-    return {**_defaults(type(flags)), **flags._values}
-
-
-@cache
-def _defaults(kind: type[TargetConfig]) -> dict[str, Any]:
-    return {name: option.default for name, option in kind.options.items()}
 
 
 class Linked(JITCodeLibrary):
