@@ -187,8 +187,8 @@ MUTATIONS = {
     ),
     "an open condition": ("intervals.py", EXACT, "np.where(no, b[0], np.minimum(a[0], b[0]))", "b[0]"),
     "nodes in a box": ("intervals.py", TABLES, "begin + 1.0,", "begin + 0,"),
-    "the lower end in a table": ("intervals.py", TABLES, "begin * own[1]", "0"),
-    "the upper end in a table": ("intervals.py", TABLES, "end * own[-1]", "0"),
+    "the lower end in a table": ("intervals.py", TABLES, "begin * along[1]", "0"),
+    "the upper end in a table": ("intervals.py", TABLES, "end * along[-1]", "0"),
     "endless ends": ("intervals.py", FORMS, "np.isfinite(low) & np.isfinite(high)", "(~np.isnan(low + high))"),
     "what is taken away": ("intervals.py", EXACT, "neg(b)", "(-b[0], -b[1])"),
     "all corners": (
