@@ -23,9 +23,9 @@ from sdhj.kernels.tubes import (
     CHECK_TIMES,
     PATH,
     Answers,
-    AvoidTubes,
     Leads,
     LookupScratch,
+    StoredAvoidTubes,
     StoredTubes,
     by_tubes,
     hazards,
@@ -132,7 +132,7 @@ def decide(
     which begins with what is in to_go, safe, margins and best. ints, floats : what is `packed` of the problem at this
     step (`sdhj.kernels.tubes`). If it has a tape for what inputs
         lead to, that is played, and `ends` not read.
-    steps, index, tubes, marks : as in `StoredTubes`; static, moving : as in `AvoidTubes`.
+    steps, index, tubes, marks : as in `StoredTubes`; static, moving : as in `StoredAvoidTubes`.
     ends, scores, normals : as in `Leads`.
     to_go, safe, margins, best : `Answers`, written in place for the given rows.
     """
@@ -145,7 +145,7 @@ def decide(
     size = np.int64(64)  # nodes of a block; 64 itself would be a type of its own
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
     faces = part(ints, floats, AT_FACES)
-    avoid = AvoidTubes(static, part(ints, ints, AT_STATIC), moving, part(ints, ints, AT_MOVING))
+    avoid = StoredAvoidTubes(static, part(ints, ints, AT_STATIC), moving, part(ints, ints, AT_MOVING))
     stored_tubes = StoredTubes(steps, index, tubes, marks, avoid)
     terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
     alike = played == 0 and ends.shape[3] == 1

@@ -32,7 +32,7 @@ AT_UNSAFE = AT_AHEAD + TABLES + 1
 AT_TARGET = AT_UNSAFE + TABLES + 1
 
 
-class AvoidTubes(NamedTuple):
+class StoredAvoidTubes(NamedTuple):
     """The avoid tubes of a table: of sets that stand still, and of those that move."""
 
     static: Any  # (L, size of the subgrid)
@@ -49,7 +49,7 @@ class StoredTubes(NamedTuple):
     # (T, size): the level-set functions, and (T, bytes, size) uint8, a bit for each input
     tubes: Any
     marks: Any
-    avoid: AvoidTubes
+    avoid: StoredAvoidTubes
 
 
 class Leads(NamedTuple):
@@ -489,10 +489,10 @@ def working_room(columns, ndim, inputs, size, segments, held):
 def avoid_values(states, step, ints, floats, static, moving, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step; out (M, L), in place.
 
-    states (M, ndim) : finite. Beyond an end of the grid, that at the end. static, moving : as in `AvoidTubes`.
+    states (M, ndim) : finite. Beyond an end of the grid, that at the end. static, moving : as in `StoredAvoidTubes`.
     """
     lattice = unpacked_lattice(ints, floats)
-    avoid = AvoidTubes(static, part(ints, ints, AT_STATIC), moving, part(ints, ints, AT_MOVING))
+    avoid = StoredAvoidTubes(static, part(ints, ints, AT_STATIC), moving, part(ints, ints, AT_MOVING))
     one, none = np.int64(1), np.int64(0)
     scratch = working_room(one, states.shape[1], out.shape[1], none, none, part(ints, floats, AT_FACES))
     for m in range(out.shape[0]):
