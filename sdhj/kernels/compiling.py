@@ -59,6 +59,10 @@ UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # of a function that only compiled code calls
 # By NumPy's rules of division nothing asks whether a divisor is 0. All kernels have them: NumPy's functions, and those
 # that are `inlined`, are compiled anew for each set of options of the functions that call them.
+#
+# No other liberty is given to the compiler. Were it allowed to fuse multiplications and additions, it would do so in
+# the part of a row that it vectorises otherwise than in what is left over, and the bits of a node would hang on where
+# its row begins and on how the row is cut, which the version of Python decides.
 DIVISION: Any = {"error_model": "numpy"}
 INLINED: Any = {"forceinline": True, **DIVISION, **WITHIN}
 LOOP = "__numba_parfor"  # how Numba names what threads do of a loop; were it another name, that would be made whole

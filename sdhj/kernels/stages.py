@@ -17,11 +17,8 @@ from numba import prange
 from sdhj.common.remembering import FloatArray
 from sdhj.kernels.compiling import FEW, UNCOUNTED, chosen, inlined, kernel
 
-STENCIL_RADIUS = 3  # nodes to each side that the kernels can read
+STENCIL_RADIUS = 3  # nodes to each side that the kernels can read: `_runs_of_axes` has so many runs
 BLOCKS = 64  # pieces that threads share a stage in
-# No liberty is given to the compiler. Were it allowed to fuse multiplications and additions, it would do so in the part
-# of a row that it vectorises otherwise than in what is left over, and the bits of a node would hang on where its row
-# begins and on how the row is cut, which the version of Python decides.
 
 
 class Layout(NamedTuple):
@@ -79,7 +76,6 @@ def third_order(c, left, right):
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
-    # With `left` and `right` of three nodes, as `_runs_of_axes` has: a wider stencil needs more ghosts there, too.
     minus, plus = c - m1, p1 - c
     far_minus, far_plus = m1 - m2, p2 - p1
     bend_m, bend, bend_p = minus - far_minus, plus - minus, far_plus - plus

@@ -329,8 +329,8 @@ class Folder:
         return self.tube(place)
 
     def table(self, index: FloatArray, details: Mapping[str, Any]) -> LookupTable:
-        # after `closed_up`, which has left as many tubes as the index names, without gaps
         """The table with this index and these details, whose arrays are mapped."""
+        # after `closed_up`, which has left as many tubes as the index names, without gaps
         parts, stored = self.parts, int(index.max()) + 1
         tubes, marks = (
             np.asarray(
