@@ -201,3 +201,12 @@ def test_the_chapter_is_executed(tmp_path: Path) -> None:
     run(command.split(), tmp_path)
     assert nbformat.read(chapter, as_version=4).cells[0].outputs[0].text == "42\n"
     run([command.split()[0], "check"], tmp_path)
+
+
+def test_the_tests_that_ci_names_are_there() -> None:
+    """A file or a test that was renamed makes pytest run none at all."""
+    asked = re.findall(r"\btests/[\w/]+(?:\.py(?:::\w+)?)?", (ROOT / ".ci" / "run").read_text(encoding="utf-8"))
+    assert len(asked) > 10
+    for path, _, name in (each.partition("::") for each in asked):
+        assert (ROOT / path).exists(), path
+        assert not name or f"def {name}(" in (ROOT / path).read_text(encoding="utf-8"), name
