@@ -77,8 +77,9 @@ OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower
 
 # of boxes (2, axes, M) to where something holds all over them, and where it nowhere does, both (M,) bool
 Holds = Callable[[Array], tuple[Array, Array]]
-# of boxes of cells, from first to past, (ndim, M) each, to whether all of their cells are in a set, (M,) bool
-AllIn = Callable[[Array, Array], Array]
+# of boxes of cells, from first to past, (ndim, M) each, and for each the index of the cell of `not_led` whose image it
+# is, (M,), to whether all cells of the box are in the set into which that cell has to be led, (M,) bool
+AllIn = Callable[[Array, Array, Array], Array]
 # of a step, or None: of any, to the cells of which something is claimed, (*counts) bool
 OfStep = Callable[[int | None], Array]
 # of what is gone through, what it is called, and how many there are, to the same, shown as it is gone through
@@ -366,11 +367,15 @@ class Argument:
         own = zip(strides.tolist(), self.counts.tolist(), strict=True)
         return np.array([places // stride % n if stride else 0 * places for stride, n in own])
 
-    def row(self, step: int, within: int) -> Array:
-        """Of the set S_step^within the number of the block of each row of cells."""
+    def number(self, step: int, within: int) -> int:
+        """Which of the sets of `index` is S_step^within."""
         # as `sdhj.table.batches.entry` numbers them; `Arm.bits` and `words_hold` have it once more
         number = step * (self.problem.steps + 1) - step * (step - 1) // 2 + within
-        return self.index[min(within, len(self.index) - 1) if self.alike else number]
+        return min(within, len(self.index) - 1) if self.alike else number
+
+    def row(self, step: int, within: int) -> Array:
+        """Of the set S_step^within the number of the block of each row of cells."""
+        return self.index[self.number(step, within)]
 
     def bits(self, step: int, within: int) -> Array:
         """The set S_step^within of the file: (cells,), the last axis fastest."""
@@ -777,28 +782,30 @@ class Argument:
         all_in = partial(self.all_in, self.sums(self.bits(step + 1, within - 1)) if asked.any() else None)
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
-            wrong += self.not_led(begin + np.flatnonzero(asked[begin : begin + SLAB * 8]), step, all_in).tolist()
+            some = begin + np.flatnonzero(asked[begin : begin + SLAB * 8])
+            wrong += some[self.not_led(some, step, all_in)].tolist()
         return Count(int(new.sum()), int(asked.sum()), wrong, f"start {step}, within {within}, cell ")
 
     def not_led(self, numbers: Array, step: int, all_in: AllIn) -> Array:
-        """Those of cells, by their flat numbers, from which no input leads on, in the interval from a step."""
+        """From which of cells with flat numbers (M,) no input leads on in a step's interval: indices into `numbers`."""
+        left = np.arange(numbers.size)
         for j in range(self.problem.count):
-            if numbers.size:
-                numbers = numbers[~self.leads(numbers, step, j, all_in)]
-        return numbers
+            if left.size:
+                left = left[~self.leads(numbers, left, step, j, all_in)]
+        return left
 
-    def leads(self, numbers: Array, step: int, j: int, all_in: AllIn) -> Array:
-        """Whether u_j is clear from cells with flat numbers (M,) and leads all of each into a set, or into the target.
+    def leads(self, numbers: Array, some: Array, step: int, j: int, all_in: AllIn) -> Array:
+        """Whether u_j is clear from cells numbers[some] and leads all of each into its set, or into the target: (M,).
 
         What has wholly left over a safe end by a cell counts as in the set.
         """
-        cells = np.array(np.unravel_index(numbers, self.counts))
+        cells = np.array(np.unravel_index(numbers[some], self.counts))
         out = self.is_clear(step, j, cells)
         left = np.flatnonzero(out)
         cells = cells[:, left]
         start, places = min(step, len(self.low) - 1), self.strides @ cells
         first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
-        inside = all_in(first, past)
+        inside = all_in(first, past, some[left])
         # What has left over a safe end need not be in a set.
         for k in range(len(cells)):
             n = self.counts[k]
@@ -828,7 +835,7 @@ class Argument:
             np.cumsum(out, axis=axis, out=out)
         return out
 
-    def all_in(self, sums: Any, first: Array, past: Array) -> Array:
+    def all_in(self, sums: Any, first: Array, past: Array, _: Any = None) -> Array:
         """Whether all cells of boxes from first to past (ndim, M) are in a set: as many of them as there are.
 
         Boxes end with the grid, and go around where an axis closes.

@@ -6,6 +6,8 @@ arrays is looked at whole: that cells cover the axes, that sets grow, and how fa
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -62,22 +64,23 @@ def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: A
     if wrong:
         return 0, made, wrong[:SHOWN]
     rng, looked = np.random.default_rng(0), 0
-    drawn: dict[int, list[Array]] = {}  # by step cells of which something is promised
-    each = max(SAMPLED // (3 * len(sets.pairs)), 8)
+    drawn: dict[int, Array] = {}  # by step cells of which something is promised
+    most = max(SAMPLED // (3 * len(sets.pairs)), 8)
+    filled: Array = np.any(sets.pool, axis=1)
     with np.errstate(all="ignore"):
-        for step, within in sets.pairs:
-            cells = some_cells(sets, step, within, each, rng)
-            if within:
-                bad = sets.not_led(cells, step, partial(all_in, sets, sets.row(step + 1, within - 1)))
-            else:
-                bad = cells[~sets.goals_hold(step, cells)]
-            wrong += [
-                f"{NEARER if within else GOALS}: {named(step, cell, sets.counts)}, within {within}" for cell in bad
-            ]
-            looked += cells.size
-            if within:
-                drawn.setdefault(step, []).append(cells)
-        for count, own in of_inputs(sets, {step: np.concatenate(own) for step, own in drawn.items()}, rng):
+        for step, pairs in groupby(sets.pairs, itemgetter(0)):
+            goals, *others = (some_cells(sets, *pair, most, filled, rng) for pair in pairs)
+            wrong += [f"{GOALS}: {named(step, cell, sets.counts)}" for cell in goals[~sets.goals_hold(step, goals)]]
+            looked += goals.size
+            if others:
+                # All sets of a step are asked about at once, as there are few cells of each.
+                drawn[step], sizes = np.concatenate(others), [cells.size for cells in others]
+                within = np.repeat(np.arange(len(others)) + 1, sizes)
+                later = np.repeat([sets.number(step + 1, n) for n in range(len(others))], sizes)
+                bad = sets.not_led(drawn[step], step, partial(all_in, sets, later))
+                wrong += [f"{NEARER}: {named(step, drawn[step][at], sets.counts)}, within {within[at]}" for at in bad]
+                looked += drawn[step].size
+        for count, own in of_inputs(sets, drawn, rng):
             looked, wrong = looked + count, wrong + own
     whole = sets.problem.ndim + len(sets.pairs) + sets.problem.count * sets.problem.sensed
     return looked + whole, made, wrong[:SHOWN]
@@ -105,7 +108,8 @@ def claims_made(sets: Argument) -> int:
     for array, axes in answers:
         for step in range(len(array)):
             asked = sets.promised(None if len(array) == 1 else step).any(axis=axes_of(~axes)).ravel()
-            out += int(asked.sum()) * robot.count if array is sets.low else bits_of(array[step][asked] & inputs)
+            marks = inputs * asked[:, None]
+            out += int(asked.sum()) * robot.count if array is sets.low else bits_of(array[step] & marks)
     for step, within in sets.pairs:
         out += bits_of(sets.pool[sets.row(step, within)])
         # Only new cells are claimed, those that n - 1 has not.
@@ -119,11 +123,13 @@ def bits_of(words: Array) -> int:
     return int(np.bitwise_count(words).sum(dtype=np.int64))
 
 
-def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random.Generator) -> Array:
-    """Flat numbers of about so many new cells of S_k^n, a quarter at ends and seams of axes, half at its rim."""
+def some_cells(sets: Argument, step: int, within: int, most: int, filled: Array, rng: np.random.Generator) -> Array:
+    """Flat numbers of about so many new cells of S_k^n, a quarter at ends and seams of axes, half at its rim.
+
+    filled : of each block of the pool, whether it has any cell.
+    """
     row, counts, grows = sets.row(step, within), sets.counts, within > 0 and sets.problem.target is not None
     less = sets.row(step, within - 1) if grows else None
-    filled: Array = np.any(sets.pool, axis=1)
     # Rows with a block of their own: others are the same block as those of n - 1 and have nothing new.
     changed = np.flatnonzero(filled[row] if less is None else row != less)
     places = (
@@ -146,11 +152,10 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
     first = np.unique(np.concatenate([*each, cells[ends][: most // 4]]))
     # A rim is looked for among 8 times as many as are wanted.
     cells = np.concatenate([first, cells[~np.isin(cells, first)][: 8 * most]])
-    rim = np.zeros(cells.size, np.bool_)
-    for k, side in ((k, side) for k in range(len(counts)) for side in (-1, 1)):
-        beside = np.array(np.unravel_index(cells, counts))
-        beside[k] += side
-        rim |= ~all_in(sets, row, beside, beside + 1)
+    at, sides = np.array(np.unravel_index(cells, counts)), np.eye(len(counts), dtype=np.int64)
+    beside = np.concatenate([at + side[:, None] for side in (*sides, *-sides)], axis=1)
+    among: Array = all_in(sets, np.full(beside.shape[1], sets.number(step, within)), beside, beside + 1)
+    rim: Array = np.any(~among.reshape(2 * len(counts), cells.size), axis=0)
     # What is first has been taken.
     rim[: first.size] = False
     others = ~rim
@@ -159,11 +164,12 @@ def some_cells(sets: Argument, step: int, within: int, most: int, rng: np.random
     return np.concatenate([first, edge, cells[others][: max(most - first.size - edge.size, 0)]])
 
 
-def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
-    """As `Argument.all_in`, (M,) bool, by looking up each cell, without the sums of a whole set.
+def all_in(sets: Argument, numbers: Array, first: Array, past: Array, of: Any = slice(None)) -> Array:
+    """As `argument.AllIn`, (M,) bool, by looking up each cell, without the sums of a whole set.
 
-    row : of the set, as of `Argument.row`.
+    numbers : of the set of each cell that is asked about, as of `Argument.number`.
     """
+    numbers = numbers[of]
     axes = zip(sets.counts.tolist(), sets.problem.periodic, first, past, strict=True)
     both = [
         (a, np.minimum(b - a, n)) if closes else (np.clip(a, 0, n - 1), np.clip(b, 1, n) - np.clip(a, 0, n - 1))
@@ -175,8 +181,8 @@ def all_in(sets: Argument, row: Array, first: Array, past: Array) -> Array:
         # Smaller boxes ask about their last cell again.
         by_own = np.minimum(np.array(by)[:, None], wide[:, left] - 1)
         *rows, last = (begin[:, left] + by_own) % sets.counts[:, None]
-        number = np.ravel_multi_index(rows, sets.counts[:-1]) if rows else np.zeros(left.size, np.int64)
-        words = sets.pool[row[number], last >> 6]
+        row = np.ravel_multi_index(rows, sets.counts[:-1]) if rows else np.zeros(left.size, np.int64)
+        words = sets.pool[sets.index[numbers[left], row], last >> 6]
         left = left[(words >> (last & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)]
         if not left.size:
             break

@@ -241,6 +241,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
         leads = ahead > 0 and left > 0
         all_in = partial(sets.all_in, sets.sums(sets.bits(start + 1, ahead - 1)) if leads else None)
         for cells, ids in words.ids(start):
+            numbers = np.r_[cells]
             said = [
                 (name, at := np.flatnonzero(steps == ahead), some[ids[at]])
                 for name, some, steps in claims_of_inputs(words, ids, fewest[cells], left, none)
@@ -253,7 +254,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
                     bad[at] = True
                 asked = np.flatnonzero(bad)
                 if leads:
-                    bad[asked] = ~sets.leads(cells.start + asked, start, j, all_in)
+                    bad[asked] = ~sets.leads(numbers, asked, start, j, all_in)
                 for name, at in own.items():
                     wrong = cells.start + at[bad[at]]
                     yield name, Count(at.size, at.size, wrong, f"start {start}, input {j}, cell ")

@@ -97,6 +97,11 @@ FALSE = {
         f"{GOALS}: step 0, cell",
         {"pool": lambda pool: pool.__setitem__(slice(1, None), 2**64 - 1 >> 48)},
     ),
+    "sets of a step less": (
+        "line",
+        f"{NEARER}: step 0, cell",
+        {"index": lambda index: index[:-1].__setitem__(slice(1, 3), index[2:4])},
+    ),
     "steps": ("cart", f"{NEARER}: step 0, cell", {"clear": lambda clear: clear.fill(0)}),
 }
 
@@ -135,8 +140,14 @@ def test_cells_are_looked_up_as_sums_count_them(periodic, rng, tmp_path):
     sets.pool, sets.low, sets.high = words, np.zeros((1, 1, 1, 2), np.int16), np.full((1, 1, 1, 2), 60, np.int16)
     first = rng.integers(-12, 50, (2, 3000))
     past = first + rng.integers(1, [[50], [12]], (2, 3000))
-    found = sampled.all_in(sets, np.arange(len(words)), first, past)
-    np.testing.assert_array_equal(found, sets.all_in(sets.sums(cells.ravel()), first, past))
+    # The second of the two sets has the rows of the first in another order.
+    both = np.array([np.arange(len(words)), rng.permutation(len(words))])
+    sets.index, own = both, rng.integers(0, 2, 3000)
+    found = sampled.all_in(sets, own, first, past)
+    each = np.array([sets.all_in(sets.sums(cells[rows].ravel()), first, past) for rows in both])
+    np.testing.assert_array_equal(found, each[own, np.arange(3000)])
+    some = rng.permutation(3000)[:500]
+    np.testing.assert_array_equal(sampled.all_in(sets, own, first[:, some], past[:, some], some), found[some])
     assert 0.05 < found.mean() < 0.95
 
 
