@@ -58,6 +58,17 @@ def test_what_begins_late_moves_as_far(name, tmp_path, monkeypatch):
     np.testing.assert_array_equal(late, soon)
 
 
+@pytest.mark.parametrize("tries", [1, 2, 30])
+def test_where_a_search_is_given_up_nothing_is_known(tries, tmp_path, monkeypatch):
+    """A guess that no step confirms is no bound of what is reached: of dx = 48 x, from 1 on, exp(48 t)."""
+    (tmp_path / "true.npz").write_bytes(file_of("growing faster"))
+    with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
+        plain = Argument(told, arrays)
+    monkeypatch.setattr(sdhj.certified.check.argument, "TRIES", tries)
+    plain.length = 5.9 / 48.0  # s, until when it grows on
+    assert plain.edges[0][1] == 1.0 and plain.driven(np.array([0]), 0, 0, 1)[1][1, 0, 0] >= np.expm1(5.9)
+
+
 def test_a_name_is_printed_in_one_line(tmp_path):
     path = Forgery("line", "", of_a_set(1, name="post\n\nproved" + 200 * "!")).write(
         file_of("line"), tmp_path / "f.npz"
