@@ -1108,6 +1108,13 @@ WAY_OUT = "safe ends must be of a robot without target and sensing"
 DEPENDS, EVERY = "tubes must depend on no other axes", "inputs must be clear of every unsafe set"
 
 
+def at_the_wall_to_a_cell(told, arrays):
+    """From the layer at the lower wall coasting ends in the first cell above it; all other images are wide."""
+    nothing_in_sets(told, arrays)
+    edit("low", lambda moves: moves.fill(-30))(told, arrays)
+    edit("high", lambda moves: (moves.fill(30), moves[0, 1, 0].put(1, 1)))(told, arrays)
+
+
 def no_layers(told, arrays):
     del told["cells"]["layers"]
 
@@ -1216,6 +1223,7 @@ FORGERIES |= {
         "line", "delay + 2 jitter", head(lambda told: told.update(sensing={"delay": 0.3, "jitter": 0.2}))
     ),
     "an arrival whose first half is in the target": Forgery("ring", ARRIVE, arrives(2, 119), becomes=before_the_seam),
+    "a wall that nobody remembers": Forgery("noisy", MOVES, at_the_wall_to_a_cell, becomes=lambda: noisy(memory=False)),
     "cells beyond the last": Forgery(
         "line", "no cells that there are not", edit("pool", lambda pool: pool.fill(2**64 - 1))
     ),
