@@ -1014,6 +1014,14 @@ def parked():
 ROBOTS |= {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1), "lane": (lane, (10, 10), 2)}
 
 
+def sheltered(least, most):
+    """dx = u + clip(20 y, least, most) v: beside y = 0 a gust has no strength at one end of a cell, all at the other."""
+    zero = lambda q: 0.0 * q[:, 0]  # noqa: E731
+    drift = lambda q, u: np.stack([u[0] + zero(q), zero(q)], axis=1)  # noqa: E731
+    gain = lambda q: np.stack([np.clip(20.0 * q[:, 1], least, most), zero(q)], axis=1)[:, :, None]  # noqa: E731
+    return replace(carried(), dynamics=sdhj.Dynamics([[-1.0], [1.0]], drift, gain, [0.5]))
+
+
 def between():
     """In the plane between two walls, one along each axis: which inputs are clear is told for each wall alone."""
     walls = [sdhj.UnsafeSet((axis,), lambda p, t: 1.5 - np.abs(p[:, 0]), name=f"wall {axis}") for axis in (0, 1)]
@@ -1021,6 +1029,8 @@ def between():
 
 
 ROBOTS |= {"parked": (parked, (20, 20), 1), "between": (between, (20, 20), 1)}
+ROBOTS |= {"gusts on the left": (lambda: sheltered(-0.5, 0.0), (40, 20), 1)}
+ROBOTS |= {"gusts on the right": (lambda: sheltered(0.0, 0.5), (40, 20), 1)}
 
 
 def whole(name, values):
@@ -1224,6 +1234,8 @@ FORGERIES |= {
     ),
     "an arrival whose first half is in the target": Forgery("ring", ARRIVE, arrives(2, 119), becomes=before_the_seam),
     "a wall that nobody remembers": Forgery("noisy", MOVES, at_the_wall_to_a_cell, becomes=lambda: noisy(memory=False)),
+    "a gust from the left alone": Forgery("gusts on the left", MOVES, shifts("low", 1, place=9)),
+    "a gust from the right alone": Forgery("gusts on the right", MOVES, shifts("high", -1, place=10)),
     "cells beyond the last": Forgery(
         "line", "no cells that there are not", edit("pool", lambda pool: pool.fill(2**64 - 1))
     ),
