@@ -1015,7 +1015,7 @@ ROBOTS |= {"drifting": (drifting, (80,), 1), "carried": (carried, (20, 20), 1), 
 
 
 def sheltered(least, most):
-    """dx = u + clip(20 y, least, most) v: beside y = 0 a gust has no strength at one end of a cell, all at the other."""
+    """dx = u + clip(20 y, least, most) v: beside y = 0 one end of a cell has no gusts, the other all."""
     zero = lambda q: 0.0 * q[:, 0]  # noqa: E731
     drift = lambda q, u: np.stack([u[0] + zero(q), zero(q)], axis=1)  # noqa: E731
     gain = lambda q: np.stack([np.clip(20.0 * q[:, 1], least, most), zero(q)], axis=1)[:, :, None]  # noqa: E731

@@ -37,6 +37,12 @@ def joint():
 
 
 @cache
+def remembered():
+    """A cart that remembers, with layers at the walls of its speed."""
+    return forged_robots.solved("noisy")
+
+
+@cache
 def remembering_arm():
     problem = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=sdhj.Sensing(0.01, memory=True))
     return sdhj.solve(problem, sdhj.Certified(cells=(42, 42, 12, 12)), play=False, progress=False)
@@ -169,6 +175,19 @@ def test_images_are_what_is_proved_and_nothing_else(tmp_path, table):
         own = int.from_bytes(bad[at : at + 2], "little", signed=True) + int(rng.choice([-1, 1]))
         bad[at : at + 2] = own.to_bytes(2, "little", signed=True)
         assert failed(table(), signed(bad), tmp_path) == {"exported: images"}
+
+
+@pytest.mark.parametrize("by", [-1, 1])
+@pytest.mark.parametrize("side", [0, 1])
+def test_an_image_a_cell_off_at_one_end_is_refused(tmp_path, side, by):
+    table = remembered()
+    data = bytearray(packed_table(table, ("select",), "deepest", 0, False))
+    assert not failed(table, bytes(data), tmp_path)
+    images = b"".join(one.tobytes() for one in images_of(table)[2])
+    at = data.index(images) + 2 * (2 * (len(images) // 8) + side)  # of a pair in the middle
+    own = int.from_bytes(data[at : at + 2], "little", signed=True) + by
+    data[at : at + 2] = own.to_bytes(2, "little", signed=True)
+    assert failed(table, signed(data), tmp_path) == {"exported: images"}
 
 
 def test_a_file_of_another_version_or_with_images_of_another_shape_is_refused(tmp_path):
