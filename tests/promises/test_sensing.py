@@ -59,6 +59,24 @@ def test_the_closed_form(sensing, method, off):
         assert inside.tolist() == [True, True, False, False]
 
 
+@pytest.mark.parametrize("ndim", [1, 2])
+def test_all_of_the_box_of_a_state_has_to_be_in_the_set(ndim):
+    """The one input leads by 0.65 into |x| <= 0.3, so predictions between -0.35 and -0.3 are in no set: a gap in E."""
+    problem = ReachAvoidProblem(
+        Grid([-2.0] * ndim, [2.0] * ndim, [161, 11][:ndim]),
+        Dynamics([[1.0]], np.eye(ndim)[:1]),
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4),
+        (),
+        delta=0.65,
+        steps=1,
+        sensing=Sensing([0.1, 0.1][:ndim]),
+    )
+    table = sdhj.solve(problem, EXACT, play=False)
+    x = np.array([-0.88, -0.82, -0.48, -0.42, -0.38, -0.33, -0.29, -0.25, -0.22, -0.18, 0.18, 0.22])
+    found = table.contains(np.stack([x, 0.0 * x], axis=1)[:, :ndim], start=0, within=1)
+    np.testing.assert_array_equal(found, (np.abs(x + 0.65) <= 0.2) | (np.abs(x) <= 0.2))
+
+
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[1600])], ids=["hji", "certified"])
 def test_who_has_arrived_is_clear_at_every_instant_of_the_jitter(method):
     """The wall is at 0.9 - 0.4 t and the input may start 0.1 s late: at t_1 = 0.5 s a state needs to be below 0.66."""
