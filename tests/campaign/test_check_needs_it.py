@@ -502,6 +502,19 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "an enclosure that begins above",
     ),
     "a slope counts": ("stated", "change((high - low) / 2, ", "change(0.0 * (high - low), ", "hidden"),
+    "who does not remember knows no wall": (
+        "argument",
+        "at_wall & self.known[:, None] & self.problem.memory, 0.0",
+        "at_wall & self.known[:, None], 0.0",
+        "a wall that nobody remembers",
+    ),
+    "the lower end of a gain": ("stated", 'np.abs(of("gain"))', 'np.abs(of("gain")[1:])', "a gust from the left alone"),
+    "the upper end of a gain": (
+        "stated",
+        'np.abs(of("gain"))',
+        'np.abs(of("gain")[:1])',
+        "a gust from the right alone",
+    ),
     "a rate counts": ("stated", "duration * (0.0 if rate is None else np.array(rate))", "0.0", "hidden and moving"),
 }
 
