@@ -89,6 +89,23 @@ def test_who_has_arrived_is_clear_at_every_instant_of_the_jitter(method):
 REST = 2  # the input +1 is held until the first chosen one starts
 
 
+@pytest.mark.parametrize("frame", ["moving", "fixed"])
+@pytest.mark.parametrize(("begin", "rate", "closest"), [(0.9, -0.4, 0.66), (0.5, 0.4, 0.46)])
+def test_an_input_is_clear_from_its_earliest_begin_to_its_latest_end(begin, rate, closest, frame):
+    """The robot stands and the wall, at begin + rate t, does not: for 0.5 s, which begin and end up to 0.1 s off."""
+    problem = ReachAvoidProblem(
+        Grid([-1.0], [1.0], [81], ends="wall"),
+        Dynamics([[0.0]], [[0.0]]),
+        None,
+        [UnsafeSet((0,), lambda p, t: begin + rate * t - p[:, 0], name="wall")],
+        delta=0.5,
+        steps=1,
+        sensing=Sensing(jitter=0.1, memory=False),
+    )
+    table = sdhj.solve(problem, sdhj.HJI(sdhj.Scheme(frame=frame)), play=False)
+    assert (table.hazards(np.array([[closest - 0.01], [closest + 0.01]]), 0) <= 0.0).ravel().tolist() == [True, False]
+
+
 @pytest.mark.parametrize("delay", [0.1, 0.2])
 @pytest.mark.parametrize("method", [EXACT, sdhj.Certified(cells=[1600])], ids=["lax", "certified"])
 def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
