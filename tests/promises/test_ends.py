@@ -119,6 +119,26 @@ def test_the_ends_of_a_subspace_count_in_the_projected_method(rng):
     assert not Controller(full).batch(at_the_edge, 0).promised.any()
 
 
+@pytest.mark.parametrize(
+    "current", [lambda t: 0.4 * t, lambda t: t * np.sin(4.0 * np.pi * t)], ids=["growing", "out and back"]
+)
+@pytest.mark.parametrize(
+    "method", [HJI(), HopfLax("linear"), sdhj.Certified(cells=[200], parts=20)], ids=["hji", "lax", "certified"]
+)
+def test_of_a_current_each_step_has_ends_of_its_own(method, current):
+    """Who is carried past an end at an instant of the interval is lost; the current's way is added up, by instants."""
+    problem = sdhj.ReachAvoidProblem(
+        Grid([-1.0], [1.0], [81]), Dynamics([[0.0]], lambda q, u, t: u + current(t) + 0.0 * q), None, [], 0.5, 3
+    )
+    table = sdhj.solve(problem, method, play=False)
+    for step in range(3):
+        times = np.linspace(0.5 * step, 0.5 * (step + 1), 10_001)
+        way = np.cumsum(current(times)) * 0.5 / 10_000
+        ends = np.array([-1.0 - min(way.min(), 0.0), 1.0 - max(way.max(), 0.0)])
+        inside = table.contains(np.concatenate([ends - 0.02, ends + 0.02])[:, None], start=step, within=1)
+        assert inside.tolist() == [False, True, True, False]
+
+
 def test_runs_that_leave_the_grid_are_counted_apart():
     """Also where a table for calm days is played in a storm: past unsafe ends runs are lost, at walls they stop."""
     walled, cautious = (Controller(sdhj.solve(double_integrator(ends))) for ends in ("wall", "unsafe"))
