@@ -139,6 +139,30 @@ def test_of_a_current_each_step_has_ends_of_its_own(method, current):
         assert inside.tolist() == [False, True, True, False]
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_no_margin_is_left_where_a_part_of_what_an_input_leads_to_is_past_an_end(axis, side):
+    """Each input leads 0.1 m on, up to 0.05 m off, on a square of 2 m; of it one end is unsafe, and the others hold."""
+    ends = [["wall", "wall"], ["wall", "wall"]]
+    ends[axis][int(side > 0)] = "unsafe"
+    steps = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
+    problem = sdhj.ReachAvoidProblem(
+        Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=ends),
+        Dynamics(steps, steps, np.eye(2), [0.5, 0.5]),
+        None,
+        [],
+        0.1,
+        1,
+    )
+    table = sdhj.solve(problem, HJI(), play=False)
+    states = np.zeros((4, 2))
+    states[:, axis] = side * np.array([0.5, 0.84, 0.86, 0.92])
+    told = table.batch(states, 0)
+    farthest = side * states[:, axis, None] + side * 0.1 * steps[:, axis] + 0.05
+    assert told.promised.all()
+    np.testing.assert_array_equal(np.isinf(told.margins), farthest > 1.0)
+
+
 def test_runs_that_leave_the_grid_are_counted_apart():
     """Also where a table for calm days is played in a storm: past unsafe ends runs are lost, at walls they stop."""
     walled, cautious = (Controller(sdhj.solve(double_integrator(ends))) for ends in ("wall", "unsafe"))
