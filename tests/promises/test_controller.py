@@ -711,3 +711,27 @@ def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
     assert (together.steps_to_go >= 0).sum() > 10
     for field in ("steps_to_go", "safe", "margins", "best"):
         np.testing.assert_array_equal(getattr(together, field), np.concatenate([getattr(one, field) for one in alone]))
+
+
+@pytest.mark.parametrize("corner", [None, *product((-1.0, 1.0), repeat=2)])
+def test_each_corner_of_what_the_last_input_leads_to_is_in_the_target(corner):
+    """A hole between the nodes, which no tube knows of, about one corner of the box to which the only input leads."""
+    ends, push = np.array([-0.7, 0.0]), 0.065
+    hole = None if corner is None else ends + push * np.array(corner)
+
+    def level_set(p, t):
+        whole = np.abs(p).max(axis=1) - 1.0
+        return whole if hole is None else np.maximum(whole, 0.02 - np.abs(p - hole).max(axis=1))
+
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+        sdhj.Dynamics([[1.0]], [[1.0, 0.0]], np.eye(2), [2 * push, 2 * push]),
+        sdhj.TargetSet((0, 1), level_set),
+        [],
+        delta=0.5,
+        steps=1,
+    )
+    controller = sdhj.Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), play=False))
+    state = ends - np.array([0.5, 0.0])
+    assert controller.table.batch([state], 0).steps_to_go == 1
+    assert controller.safe_inputs(state, 0).tolist() == ([0] if corner is None else [])
