@@ -139,28 +139,30 @@ def test_of_a_current_each_step_has_ends_of_its_own(method, current):
         assert inside.tolist() == [False, True, True, False]
 
 
+@pytest.mark.parametrize("end", ["unsafe", "safe"])
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_no_margin_is_left_where_a_part_of_what_an_input_leads_to_is_past_an_end(axis, side):
-    """Each input leads 0.1 m on, up to 0.05 m off, on a square of 2 m; of it one end is unsafe, and the others hold."""
+def test_margins_tell_where_what_an_input_leads_to_is_past_an_end(end, axis, side):
+    """Each input leads 0.1 m on, up to 0.05 m off: past an unsafe end a part is too much, past a safe one all is won."""
     ends = [["wall", "wall"], ["wall", "wall"]]
-    ends[axis][int(side > 0)] = "unsafe"
+    ends[axis][int(side > 0)] = end
     steps = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
+    post = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.5, p[:, 1] + 0.5) - 0.2)
     problem = sdhj.ReachAvoidProblem(
         Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=ends),
-        Dynamics(steps, steps, np.eye(2), [0.5, 0.5]),
+        Dynamics(steps, steps, np.eye(2), [0.5] * 2),
         None,
-        [],
+        [post],
         0.1,
         1,
     )
     table = sdhj.solve(problem, HJI(), play=False)
-    states = np.zeros((4, 2))
-    states[:, axis] = side * np.array([0.5, 0.84, 0.86, 0.92])
-    told = table.batch(states, 0)
-    farthest = side * states[:, axis, None] + side * 0.1 * steps[:, axis] + 0.05
+    states = np.zeros((5, 2))
+    states[:, axis] = side * np.array([0.5, 0.84, 0.86, 0.94, 0.96])
+    told, middle = table.batch(states, 0), np.abs(states[:, axis, None] + 0.1 * steps[:, axis])
     assert told.promised.all()
-    np.testing.assert_array_equal(np.isinf(told.margins), farthest > 1.0)
+    np.testing.assert_array_equal(told.margins == np.inf, (middle + 0.05 > 1.0) & (end == "unsafe"))
+    np.testing.assert_array_equal(told.margins == -np.inf, (middle - 0.05 > 1.0) & (end == "safe"))
 
 
 def test_runs_that_leave_the_grid_are_counted_apart():
