@@ -143,7 +143,7 @@ def test_of_a_current_each_step_has_ends_of_its_own(method, current):
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_margins_tell_where_what_an_input_leads_to_is_past_an_end(end, axis, side):
-    """Each input leads 0.1 m on, up to 0.05 m off: past an unsafe end a part is too much, past a safe one all is won."""
+    """Inputs lead 0.1 m on, up to 0.05 m off; past an unsafe end a part is too much, past a safe one all has won."""
     ends = [["wall", "wall"], ["wall", "wall"]]
     ends[axis][int(side > 0)] = end
     steps = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
