@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from sdhj.certified.explaining import scanty_finding
 from sdhj.certified.sets import Certified
-from sdhj.certified.table import CellSets, CertifiedTable
+from sdhj.certified.table import CertifiedTable
 from sdhj.common.findings import Finding, findings, tell
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.problem import ReachAvoidProblem
@@ -20,7 +20,7 @@ from sdhj.solver.entries import solve_stored
 from sdhj.solver.findings import check_sets, suspicions
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import GridSets, TubeSets, recursion
+from sdhj.solver.recursion import GridSets, recursion
 from sdhj.table.batches import Table
 from sdhj.table.files import opened_table, table_in
 from sdhj.table.table import LookupTable
@@ -120,17 +120,25 @@ def solve(
         no_store = f"a store does not take method {chosen.name!r}; leave store= out to solve in memory"
         if store is not None and isinstance(chosen, Certified):  # before it prepares, for as long as a solve may take
             raise ValueError(no_store)
-        sets = _checked_sets(problem, chosen, progress)
-        if store is not None:
-            if not (isinstance(sets, GridSets) and sets.storable):
-                raise ValueError(no_store)
-            with _bar(problem, chosen, progress) as bar:
+        if certified := isinstance(chosen, Certified):  # whose sets take half the time of a solve
+            check_sets(problem)
+        sets: Any = chosen.sets(problem, progress)
+        steps = problem.steps
+        if not (certified or isinstance(sets, GridSets)):  # which check as they sample
+            check_sets(problem)
+        if store is not None and not (isinstance(sets, GridSets) and sets.storable):
+            raise ValueError(no_store)
+        tubes = steps if steps is None or problem.time_invariant else steps * (steps + 1) // 2
+        with tqdm(desc=chosen.name, total=tubes, unit="tube", disable=hidden(progress)) as bar:
+            if store is not None:
                 solve_stored(sets, store, resume, client, bar.update)
-            # It has just been written.
+            elif steps is None:
+                _fill_until_settled(sets, problem.most_steps, bar)
+            else:
+                recursion(sets, steps, bar.update)
+        if store is not None:  # it has just been written
             return load(store, problem=problem if problem.opaque else None, check=False)
-        with _bar(problem, chosen, progress) as bar:
-            _fill(sets, problem, bar)
-        table = replace(cast(Any, sets.finish({"seconds": time.perf_counter() - started})), player=played)
+        table = replace(sets.finish({"seconds": time.perf_counter() - started}), player=played)
         said: dict[str, Any] = {}
         if isinstance(table, CertifiedTable):
             said = {"checked": [*table.looked_over()], "seconds": time.perf_counter() - started}
@@ -158,34 +166,17 @@ def _simulated_at_the_end(table: Table) -> dict[str, Any]:
         return {}
 
 
-def _checked_sets(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> TubeSets:
-    """The sets of a method, nothing of them solved, with warnings of what is wrong with unsafe sets and targets."""
-    if isinstance(method, Certified):  # whose sets take half the time of a solve
-        check_sets(problem)
-    sets = method.sets(problem, progress)
-    if not isinstance(sets, GridSets | CellSets):  # the former check as they sample, the latter's were
-        check_sets(problem)
-    return sets
-
-
-def _bar(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Any:
-    """A progress bar, which counts tubes."""
-    steps = problem.steps
-    tubes = steps if steps is None or problem.time_invariant else steps * (steps + 1) // 2
-    return tqdm(desc=method.name, total=tubes, unit="tube", disable=hidden(progress))
-
-
-def _fill(sets: Any, problem: ReachAvoidProblem, bar: Any) -> None:
-    """Compute all tubes by the recursion and move the bar; with steps=None, those before Ctrl-C."""
+def _fill_until_settled(sets: Any, most: int, bar: Any) -> None:
+    """Compute up to `most` tubes of a problem without a number of steps, or those before Ctrl-C, and move the bar."""
 
     def told() -> None:
         bar.update()
         bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
 
     try:
-        recursion(sets, problem.most_steps, told if problem.steps is None else bar.update)
+        recursion(sets, most, told)
     except KeyboardInterrupt:
-        if problem.steps is not None or not sets.filled:  # fewer steps than asked for are no table
+        if not sets.filled:
             raise
 
 

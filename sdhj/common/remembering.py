@@ -81,6 +81,10 @@ class kept(cached_property[T]):
 class ReadOnly:
     """Base class of objects whose arrays cannot be written, nor can those of their copies and pickles."""
 
+    def __post_init__(self) -> None:
+        """Make the fields of a dataclass read-only in place."""
+        read_only(vars(self))
+
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Take the attributes of the original, whose copied arrays can be written until they are here."""
         vars(self).update(read_only(state))

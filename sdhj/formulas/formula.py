@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numba import config
 
+from sdhj.common.parameters import check_places
 from sdhj.common.remembering import FloatArray, Remembering, kept, read_only
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, constant, leaf, leaves, make, ordered, rebuilt
-from sdhj.formulas.parameters import check_places
 from sdhj.formulas.rules import FACTS, RULES, is_constant
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced

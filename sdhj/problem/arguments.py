@@ -3,8 +3,8 @@
 import inspect
 from typing import Any
 
+from sdhj.common.parameters import KNOWN_NAMES, STATE_NAMES, parameters_of
 from sdhj.formulas.formula import BlackBox
-from sdhj.formulas.parameters import KNOWN_NAMES, STATE_NAMES, parameters_of
 
 KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
 

@@ -46,13 +46,25 @@ def compared_times(problem: Any) -> list[float]:
     ]
 
 
-def compare_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
-    """Raise ValueError where `level_set` or `swept` differs from the user's function."""
+def check_set(problem: Any, part: TargetSet | UnsafeSet) -> None:
+    """Raise ValueError where axes, inputs or functions of a set do not fit the problem, or the user's functions."""
+    ndim, count = problem.grid.ndim, len(problem.inputs)
+    if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
+        where = f"axes of the grid, from 0 to {ndim - 1}, ascending"
+        raise ValueError(f"axes of {part.name!r} must be {where}, got {part.axes}")
+    if isinstance(part, UnsafeSet) and part.inputs is not None and part.inputs[-1] >= count:
+        raise ValueError(f"inputs of {part.name!r} must be numbers from 0 to {count - 1}, got {part.inputs}")
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
         if isinstance(formula, Formula):  # the next problem that has the set does not compare it again
             formula.compare_with_source(states, each)
+    if isinstance(part, UnsafeSet):
+        corner = np.array([[problem.grid.lower[axis] for axis in part.axes]])
+        between = "swept" if problem.view_time == "instantaneous" else problem.view_time  # as games sweep time steps
+        part.over(corner, 0.0, problem.delta, between)  # refuses a black box of which too little is known
+        if part.moving and part.swept is not None and problem.view_time == "swept":
+            check_swept(problem, part)
 
 
 def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
@@ -74,14 +86,6 @@ def check_swept(problem: Any, unsafe_set: UnsafeSet) -> None:
                     f"function at t = {t:g}, at {worst}; it must be at most that at every time of the interval, or "
                     "leave it out: the library then sweeps the set itself"
                 )
-
-
-def check_inputs(problem: Any) -> None:
-    """Raise ValueError where an unsafe set's `inputs` are none of the problem's."""
-    for part in problem.unsafe:
-        if part.inputs is not None and part.inputs[-1] >= len(problem.inputs):
-            most = len(problem.inputs) - 1
-            raise ValueError(f"inputs of {part.name!r} must be numbers from 0 to {most}, got {part.inputs}")
 
 
 def in_goal(problem: Any, points: FloatArray, step: int) -> FloatArray:

@@ -68,6 +68,8 @@ class Grid(Remembering):
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
     ends_not_given: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
+    ndim: int = field(default=0, init=False, repr=False)  # number of axes
+    size: int = field(default=0, init=False, repr=False)  # number of nodes; exact, however large
     # distance between neighbouring nodes on each axis: (upper - lower) / (n - 1), or / n where it is periodic
     spacing: tuple[float, ...] = field(default=(), init=False, repr=False)
     # nodes past both ends of each axis of the grid that this one was made `wider` than
@@ -115,18 +117,10 @@ class Grid(Remembering):
         # a file has no spacing: `sdhj.load` and the checker work it out from the ends and the number of nodes again
         own = [(high - low) / (n if turns else n - 1) for low, high, n, turns in each]
         spacing, added = (own, [(0, 0)] * ndim) if _past is None else _past
+        object.__setattr__(self, "ndim", ndim)
+        object.__setattr__(self, "size", math.prod(nodes))
         object.__setattr__(self, "spacing", tuple(spacing))
         object.__setattr__(self, "added", tuple((int(low), int(high)) for low, high in added))
-
-    @property
-    def ndim(self) -> int:
-        """Number of axes."""
-        return len(self.shape)
-
-    @property
-    def size(self) -> int:
-        """Number of nodes."""
-        return math.prod(self.shape)  # exact, however large
 
     @property
     def sampling_bytes(self) -> int:
@@ -333,14 +327,6 @@ class Grid(Remembering):
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
-    @kept
-    def weights(self) -> FloatArray:
-        """Share of the grid's volume that each node represents: half a cell at bounded ends."""
-        total = np.ones(())
-        for axis in range(self.ndim):
-            total = total[..., None] * self.shares(axis)
-        return total
-
     def shares(self, axis: int) -> FloatArray:
         """Share of an axis's length that each of its nodes represents: half a cell at bounded ends."""
         share = np.ones(self.shape[axis])
@@ -361,4 +347,7 @@ class Grid(Remembering):
         if self.size > SMALL and self.ndim > 1:  # row by row, without the weights of all nodes
             rest = self.subgrid(range(1, self.ndim))
             return sum(share * rest.fraction(row) for share, row in zip(self.shares(0).tolist(), inside, strict=True))
-        return float(np.sum(self.weights, where=inside))
+        weights = np.ones(())
+        for axis in range(self.ndim):
+            weights = weights[..., None] * self.shares(axis)
+        return float(np.sum(weights, where=inside))

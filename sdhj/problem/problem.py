@@ -20,10 +20,8 @@ from sdhj.formulas.formula import BlackBox, Formula
 from sdhj.formulas.graph import MOST_TABLES, Lookup, ordered
 from sdhj.formulas.text import written
 from sdhj.problem.consistency import (
-    check_inputs,
     check_sensing,
-    check_swept,
-    compare_set,
+    check_set,
     compared_states,
     compared_times,
     try_goals,
@@ -103,6 +101,8 @@ class ReachAvoidProblem(Remembering):
     name: str = "problem"
     recipe: Mapping[str, Any] = field(default_factory=dict)
     sensing: Sensing = field(default_factory=Sensing)
+    # {step: what `interval` has made}; under 0 for all steps if the dynamics do not depend on time
+    _intervals: dict[int, Interval] = field(default_factory=dict, init=False, repr=False)
 
     if TYPE_CHECKING:  # what is given, where the fields are what is made of it
 
@@ -135,7 +135,10 @@ class ReachAvoidProblem(Remembering):
         # only from here on is every field what is made of it: cached properties must not be asked above
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
-        parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
+        for j, step in product(
+            range(len(self.inputs)), range((self.steps or 0) + 1) if self.dynamics.depends_on_time else [0]
+        ):
+            self.dynamics.bounds_at(j, self.time(step))
         nodes = ordered(node for one in self.functions.values() if isinstance(one, Formula) for node in one.outputs)
         tables = {one.value.digest: one.value.values.nbytes for one in nodes if one.op == "gridded"}
         if (size := sum(tables.values())) > MOST_TABLES:
@@ -143,28 +146,14 @@ class ReachAvoidProblem(Remembering):
                 f"the tables that the problem looks up, of maps too, take {size:,} bytes together, and at most "
                 f"{MOST_TABLES:,} can be kept in a file; use fewer nodes or pixels"
             )
-        for part in parts:
-            if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
-                where = f"axes of the grid, from 0 to {ndim - 1}, ascending"
-                raise ValueError(f"axes of {part.name!r} must be {where}, got {part.axes}")
-        check_inputs(self)
         if self.steps is None and not self.time_invariant:
             raise ValueError(
                 "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "
                 "target depend on time; give a number of steps"
             )
-        for part in parts:
-            compare_set(self, part)
-        for j, step in product(
-            range(len(self.inputs)), range((self.steps or 0) + 1) if self.dynamics.depends_on_time else [0]
-        ):
-            self.dynamics.bounds_at(j, self.time(step))
+        check_set(self, self.target)
         for part in self.unsafe:
-            corner = np.array([[self.grid.lower[axis] for axis in part.axes]])
-            between = "swept" if self.view_time == "instantaneous" else self.view_time  # as games sweep time steps
-            part.over(corner, 0.0, self.delta, between)  # refuses a black box of which too little is known
-            if part.moving and part.swept is not None and self.view_time == "swept":
-                check_swept(self, part)
+            check_set(self, part)
         try_goals(self)
         if self.sensing:
             check_sensing(self)  # last, as E rests on all that was checked
@@ -295,11 +284,6 @@ class ReachAvoidProblem(Remembering):
             lasts = self.sensing.hold(self.delta)
             known[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
         return known[step]
-
-    @cached_property
-    def _intervals(self) -> dict[int, Interval]:
-        """{step: what `interval` has made}; under 0 for all steps if the dynamics do not depend on time."""
-        return {}  # by `remembered` a `select`, which asks it once, would take 1.01 of the time
 
     def moves(self, unsafe_set: UnsafeSet) -> bool:
         """Whether the avoid tubes of an unsafe set differ from step to step."""

@@ -88,7 +88,7 @@ class Samples:
         x = leaf("x", 0)
         depth = make("min", x - constant(low), constant(high) - x) + constant(slack)
         past = UnsafeSet((place,), Formula((depth,), 1, 1), name=f"the ends of axis {whole.names[axis]}")
-        there = self.dynamics.clipped(np.array(whole.lower), np.array(whole.upper)).on_axes(axes, np.array(whole.lower))
+        there = self.dynamics.past_ends(axes, whole.lower, whole.upper)
         inside = tuple(slice(extra, extra + n) for (extra, _), n in zip(by, grid.shape, strict=True))
         return Samples(self.problem, grid.wider(by, ends), there, [past]), inside
 

@@ -150,17 +150,22 @@ class VectorField(Remembering):
         gain = self.gain and self.gain.clipped(lower, upper)
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
-    def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some axes, numbered anew, the others at `lower`, which must not matter to these."""
-        # `Samples.past_ends` asks, of axes whose velocities read no others (`Interval.self_contained`)
+    def past_ends(self, axes: Sequence[int], lower: Sequence[float], upper: Sequence[float]) -> "VectorField":
+        """The dynamics of some axes, numbered anew, past the ends as at the ends.
+
+        The other coordinates, at `lower`, must not matter to these: `Interval.self_contained` has such axes.
+        """
         keep = list(axes)
 
-        def full(points: Any) -> Any:
-            elsewhere = 0.0 * points[:, 0]
-            columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
-            return np.stack(columns, axis=1)
+        def full(points: FloatArray) -> FloatArray:
+            out = np.tile(np.array(lower), (len(points), 1))
+            out[:, keep] = points
+            return np.clip(out, lower, upper)
 
-        put = {leaf("x", k): leaf("x", keep.index(k)) if k in keep else constant(lower[k]) for k in range(self.ndim)}
+        put = {leaf("x", k): constant(lower[k]) for k in range(self.ndim)}
+        for place, k in enumerate(keep):
+            inner = make("max", leaf("x", place), constant(lower[k]))
+            put[leaf("x", k)] = make("min", inner, constant(upper[k]))
 
         def some(part: Any) -> Any:
             if part is None:

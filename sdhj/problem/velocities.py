@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.common.remembering import FloatArray, ReadOnly, read_only
+from sdhj.common.remembering import FloatArray, ReadOnly
 from sdhj.problem.grid import Grid
 
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
@@ -28,9 +28,6 @@ class Velocities(ReadOnly):
     shape: tuple[int, ...] = ()  # of the grid, where low and high are lists
     # what `sdhj.solver.schemes` makes of them for the kernels, filled there in place; None: it is not kept
     terms: dict[Any, Any] | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        read_only((self.low, self.high, self.drift, self.gain))
 
     @property
     def coupled(self) -> bool:

@@ -37,11 +37,12 @@ try:
 except ImportError:  # as on Windows
     fcntl = None  # type: ignore[assignment]
 
+from sdhj.common.findings import tell
 from sdhj.common.memory import require_memory
 from sdhj.common.remembering import FloatArray
 from sdhj.problem.describing import arrays_of
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.findings import check_resolution
+from sdhj.solver.findings import check_resolution, never_met_finding
 from sdhj.solver.recursion import (
     ARRAYS,
     GridMethod,
@@ -49,8 +50,6 @@ from sdhj.solver.recursion import (
     GridSets,
     InputRows,
     bytes_of_entry,
-    equal_tubes,
-    tell_of_never_met,
     unshared_index,
     why_large,
 )
@@ -70,7 +69,7 @@ from sdhj.table.files import (
     require_writable,
     unwritable_error,
 )
-from sdhj.table.table import AvoidTubes, LookupTable, entries
+from sdhj.table.table import AvoidTubes, entries
 
 BEGUN, DONE, SHARES = "begun.json", "done", "shares"
 SCRATCH = 2**26  # bytes of an array from which on it lies in a file while avoid tubes are put together
@@ -152,17 +151,14 @@ class Folder:
     @cached_property
     def rows(self) -> InputRows:
         """The avoid tubes, mapped, as entries are intersected with them; all have to be complete."""
-        return InputRows(self.parts.problem.grid, self.avoid_tubes())
-
-    def avoid_tubes(self) -> AvoidTubes:
-        """The avoid tubes of all steps, mapped."""
         parts = self.parts
         # static before moving, in the order of `GridParts.axes`, as `AvoidTubes` takes them
         static, moving = (
             np.asarray(np.memmap(self.file(name), parts.kind(name), "r", container.HEADER, parts.shape(name)))
             for name in parts.axes
         )
-        return AvoidTubes(parts.axes["avoid_static"], static, parts.axes["avoid_moving"], moving)
+        tubes = AvoidTubes(parts.axes["avoid_static"], static, parts.axes["avoid_moving"], moving)
+        return InputRows(parts.problem.grid, tubes)
 
     # ---- marks
 
@@ -230,7 +226,7 @@ class Folder:
         if part.within < 2:
             return False
         one, other = (self.place(part.step + 1, part.within - n) for n in (1, 2))
-        return one == other or equal_tubes(self.tube(one), self.tube(other))
+        return one == other or all(map(np.array_equal, self.tube(one), self.tube(other)))
 
     def _entry(self, part: Part) -> dict[str, Any]:
         """Write an entry, or unite its shares; returns its place, and whether it is the tube of the one before it."""
@@ -327,18 +323,6 @@ class Folder:
             number = int(np.searchsorted(np.unique(self.places), place))
             place = number if number < moved else place
         return self.tube(place)
-
-    def table(self, index: FloatArray, details: Mapping[str, Any]) -> LookupTable:
-        """The table with this index and these details, whose arrays are mapped."""
-        # after `closed_up`, which has left as many tubes as the index names, without gaps
-        parts, stored = self.parts, int(index.max()) + 1
-        tubes, marks = (
-            np.asarray(
-                np.memmap(self.file(name), parts.kind(name), "r", container.HEADER, (stored, *parts.shape(name)[1:]))
-            )
-            for name in ("tubes", "marks")
-        )
-        return LookupTable(parts.problem, parts.method.name, index, tubes, marks, self.avoid_tubes(), details)
 
     def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
         """Make the folder a table with this index and these details, and remove what only the solve needed."""
@@ -486,7 +470,8 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
     free: dict[int, float] = {}
     for one in (told := folder.told(avoid)):
         free |= {int(at): max(fraction, free.get(int(at), 0.0)) for at, fraction in one["free"].items()}
-    tell_of_never_met(problem, {position for one in told for position in one["met"]})
+    met = {position for one in told for position in one["met"]}
+    tell(*(never_met_finding(one) for position, one in enumerate(problem.unsafe) if position not in met))
     sets.look_over(folder.goal, free)
 
     def row(step: int) -> list[Part]:
@@ -507,8 +492,8 @@ def fill(sets: GridSets, folder: Folder, client: Any, done: Callable[[], Any]) -
     told = folder.told([*avoid, *goals, *(one for k in sets.rows_of_entries for one in row(k) if one.kind == "entry")])
     index = folder.closed_up()
     solved, shared = sum(one["solved"] for one in told), sum(one.get("shared", False) for one in told)
-    details = sets.options | sets.counts(solved, shared) | {"seconds": time.perf_counter() - started}
-    folder.finish(index, details | sets.said_of(folder.table(index, details)))
+    tubes = (folder.tube(int(index[entry(problem.steps, 0, within)])) for within in (0, problem.steps))
+    folder.finish(index, sets.said_of(solved, shared, *tubes) | {"seconds": time.perf_counter() - started})
 
 
 def opened(sets: GridSets, path: Named, resume: Any, client: Any) -> Folder:

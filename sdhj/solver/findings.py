@@ -177,18 +177,18 @@ def never_met_finding(unsafe_set: UnsafeSet) -> Finding:
 
 def check_seams(problem: ReachAvoidProblem) -> None:
     """Warn of sets that are cut off, and of velocities that jump, where a periodic axis closes."""
-    count = min(problem.most_steps, SPANS) + 1
     # of each set the first finding in time is told
     for part in problem.all_sets:
-        each = (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving, count))
+        each = (_cut_off_finding(problem, part, t) for t in _times(problem, part.moving, SPANS + 1))
         tell(next(filter(None, each), None))
-    times = _times(problem, problem.dynamics.depends_on_time, count)
+    times = _times(problem, problem.dynamics.depends_on_time, SPANS + 1)
     tell(next(filter(None, (_turning_over_finding(problem, t) for t in times)), None))
 
 
-def _times(problem: ReachAvoidProblem, timed: bool, count: int) -> list[float]:
-    """So many times, s, from 0 to the problem's last step; 0 alone if not `timed`."""
-    return np.linspace(0.0, problem.most_steps * problem.delta, count if timed else 1).tolist()
+def _times(problem: ReachAvoidProblem, timed: bool, most: int) -> list[float]:
+    """Up to so many times, s, from 0 to the problem's last step; 0 alone if not `timed`."""
+    steps = problem.most_steps
+    return np.linspace(0.0, steps * problem.delta, min(most, steps + 1) if timed else 1).tolist()
 
 
 @lru_cache(maxsize=8)  # what moves is looked at many times
@@ -314,7 +314,8 @@ def _angle_findings(problem: ReachAvoidProblem, states: FloatArray, axis: int) -
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        speed = max(float(np.abs(velocity(states)[:, axis]).max()) for velocity in _velocity_functions(problem))
+        each = (problem.dynamics.extremes(states, j, problem.time(0)) for j in range(len(problem.inputs)))
+        speed = max(float(np.abs(velocities[..., axis]).max()) for velocities in each)
         if (turns := speed * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
@@ -326,13 +327,15 @@ def _angle_findings(problem: ReachAvoidProblem, states: FloatArray, axis: int) -
 def _repeats(problem: ReachAvoidProblem, states: FloatArray, axis: int, turn: float) -> bool:
     """Whether all functions that read an axis are alike a `turn` further on, to `ALIKE`, and some change along it."""
     # of a black box nothing is known off the grid
-    if problem.opaque:
+    if not problem.dynamics.formulas or not all(isinstance(one.level_set, Formula) for one in problem.all_sets):
         return False
     depends, further, elsewhere = False, states.copy(), states.copy()
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
     together = np.concatenate([states, further, elsewhere])
-    functions = [*_velocity_functions(problem)] if problem.dynamics.reads[:, axis].any() else []
+    t, dynamics = problem.time(0), problem.dynamics
+    inputs = range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ()
+    functions: list[Callable[[FloatArray], FloatArray]] = [partial(dynamics.extremes, j=j, t=t) for j in inputs]
     functions += [partial(_level_set_values, problem, part) for part in problem.all_sets if axis in part.axes]
     for function in functions:
         try:
@@ -344,13 +347,6 @@ def _repeats(problem: ReachAvoidProblem, states: FloatArray, axis: int, turn: fl
             return False
         depends |= bool((np.abs(other - here) > ALIKE * scale).any())
     return depends
-
-
-def _velocity_functions(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield for each input the velocity (M, ndim) at the first step, v being the upper vertex of its box."""
-    t, dynamics = problem.time(0), problem.dynamics
-    for j in range(len(problem.inputs)):
-        yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
 
 
 def _level_set_values(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:

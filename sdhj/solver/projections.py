@@ -44,7 +44,6 @@ from sdhj.solver.findings import names_apart, projection_findings
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
 from sdhj.solver.methods import HJI, HopfLax, refuse_jitter
 from sdhj.solver.recursion import GridSets
-from sdhj.table.table import LookupTable
 
 GROWN = "these subspaces are too conservative here"
 
@@ -241,14 +240,19 @@ class ProjectedSets(GridSets):
         }
         tell(*projection_findings(self.problem, games.subspaces, self.losses))
 
-    def said_of(self, table: LookupTable) -> dict[str, Any]:
-        """`losses` and the sentences of all warnings as "projection"; warns if tubes never grow beyond the target."""
+    def said_of(self, solved: int, shared: int, goal: FloatArray, last: FloatArray) -> dict[str, Any]:
+        """As `GridSets.said_of`; and, as "projection", `losses` and the sentences of all warnings.
+
+        Warns if tubes never grow beyond the target.
+        """
         found = projection_findings(self.problem, self.parts.games.subspaces, self.losses)
         # else the cause has been told before
-        if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
+        if not found and np.array_equal(inside := last <= 0, goal <= 0):
+            share = self.problem.grid.fraction(inside)
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
             tell(found[0])
-        return {"projection": self.losses | {"warnings": [str(one) for one in found]}}
+        own = {"projection": self.losses | {"warnings": [str(one) for one in found]}}
+        return super().said_of(solved, shared, goal, last) | own
 
 
 @dataclass(frozen=True)

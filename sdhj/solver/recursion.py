@@ -396,7 +396,7 @@ class GridSets:
                 continue
             for step, out in enumerate(avoid[name] if name == "avoid_moving" else [avoid[name]]):
                 met |= parts.write_avoid(name, step, out)
-        tell_of_never_met(problem, met)
+        tell(*(never_met_finding(one) for position, one in enumerate(problem.unsafe) if position not in met))
         static, moving = parts.axes.values()
         self.avoid = AvoidTubes(static, avoid["avoid_static"], moving, avoid["avoid_moving"])
         self.rows = InputRows(problem.grid, self.avoid)
@@ -423,7 +423,8 @@ class GridSets:
 
     def unchanged(self, step: int, within: int) -> bool:
         """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit."""
-        return equal_tubes(*(self.tubes[self.place(step, n)] for n in (within, within - 1)))
+        one, other = (self.tubes[self.place(step, n)] for n in (within, within - 1))
+        return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def repeat(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as (step, within - 1), with its marks."""
@@ -440,24 +441,23 @@ class GridSets:
         """The table, whose arrays become read-only, with the method's options, counts, and `details`."""
         stored = int(self.index.max()) + 1
         arrays = read_only((self.index, self.tubes[:stored], self.marks[:stored]))
-        found = self.options | self.counts(self.parts.games.solved, self.shared) | dict(details)
-        table = LookupTable(self.problem, self.parts.method.name, *arrays, self.avoid, found)
-        return table.with_details(found | more) if (more := self.said_of(table)) else table
+        tubes = (self.tubes[self.place(0, within)] for within in (0, self.problem.steps))
+        found = self.said_of(self.parts.games.solved, self.shared, *tubes) | dict(details)
+        return LookupTable(self.problem, self.parts.method.name, *arrays, self.avoid, found)
 
     def look_over(self, goal: Callable[[int], FloatArray], free: Mapping[int, float]) -> None:
         """What a method does between the avoid games and the first entry with n >= 1: nothing."""
         # on disk `sdhj.solver.entries.fill` calls it; in memory a method's own `begin` has to
 
-    def said_of(self, table: LookupTable) -> dict[str, Any]:
-        """What else a method says of a table, for its details."""
-        return {}
+    def said_of(self, solved: int, shared: int, goal: FloatArray, last: FloatArray) -> dict[str, Any]:
+        """The method's options, and what a table's details say of its solve.
 
-    def counts(self, solved: int, shared: int) -> dict[str, Any]:
-        """What a table's details say of its solve: PDEs solved, and entries that are the tube of another."""
+        solved, shared : PDEs, and entries that are the tube of another. goal, last : the entries (0, 0) and (0, N).
+        """
         # `sdhj.simulation.played` reads "pdes_solved" and "shifted" by these names, and files keep all of them
         problem, steps = self.problem, self.problem.steps
         avoid = sum(steps if problem.moves(unsafe_set) else 1 for unsafe_set in problem.unsafe)
-        return {
+        return self.options | {
             "pdes_of_algorithm": len(problem.inputs) * (steps * (steps + 1) // 2 + avoid),
             "pdes_solved": solved,
             "tubes_shared": shared,
@@ -473,18 +473,6 @@ def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
     if not problem.time_invariant:  # one behind the other as they are filled in
         index += (problem.steps - start) * (problem.steps - start + 1) // 2
     return index
-
-
-def equal_tubes(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two tubes (*shape) are equal, bit for bit."""
-    return all(map(np.array_equal, one, other))  # row by row, as most differ at once
-
-
-def tell_of_never_met(problem: ReachAvoidProblem, met: set[int]) -> None:
-    """Warn of the unsafe sets of which no node is in danger, those not in `met`."""
-    for position, unsafe_set in enumerate(problem.unsafe):
-        if position not in met:
-            tell(never_met_finding(unsafe_set))
 
 
 def why_large(problem: ReachAvoidProblem, dtype: str) -> str:

@@ -52,9 +52,6 @@ class AvoidTubes(ReadOnly):
     moving_axes: tuple[int, ...]
     moving: FloatArray
 
-    def __post_init__(self) -> None:
-        read_only((self.static, self.moving))
-
 
 def entries(steps: int) -> FloatArray:
     """Every pair (start, within) of a table of so many steps, in the order of `entry`: (entries, 2)."""

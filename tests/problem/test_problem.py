@@ -63,8 +63,9 @@ def test_off_the_grid_is_outside_every_set():
 
 def test_volume_weights_sum_to_one_and_halve_the_ends():
     grid = Grid([0.0, 0.0], [1.0, 1.0], (5, 8), (False, True))
-    assert grid.weights.shape == (5, 8) and grid.weights.sum() == pytest.approx(1.0)
-    assert np.allclose(grid.weights[0] * 2, grid.weights[1])
+    each = np.array([grid.fraction(np.arange(40).reshape(5, 8) == node) for node in range(40)]).reshape(5, 8)
+    assert each.sum() == pytest.approx(1.0)
+    assert np.allclose(each[0] * 2, each[1]) and np.allclose(each[0], each[4]) and np.allclose(each[1], each[2])
     assert grid.fraction(np.ones((5, 8), bool)) == pytest.approx(1.0)
 
 

@@ -117,7 +117,7 @@ def test_black_boxes_declare_it():
     np.testing.assert_allclose(slope, [[1.0, 0.0], [0.5, 1.0]], rtol=1e-3)
     np.testing.assert_allclose(push, [0.0, np.pi / 2], rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(rates_of(Dynamics([[0.0]], drift, gain, [0.5]))[0], [[0, 1], [1.5, 0]])
-    alone = Dynamics([[0.0]], known, gain, [0.5]).read(2).on_axes([0], np.array([0.0, 0.0]))
+    alone = Dynamics([[0.0]], known, gain, [0.5]).read(2).past_ends([0], [-9.0, 0.0], [9.0, 0.0])
     np.testing.assert_allclose(lipschitz_bounds(Grid([-3.0], [3.0], [5]), alone, 1.0, 0.1)[0], [[1.0]], rtol=1e-3)
     with pytest.raises(ValueError, match="BlackBox without a slope"):
         rates_of(Dynamics([[0.0]], replace(drift, slope=None)))
