@@ -515,6 +515,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         'np.abs(of("gain")[:1])',
         "a gust from the right alone",
     ),
+    "all of a part counts": (
+        "argument",
+        "            swept[number] = reached\n",
+        "            swept[number] = moved\n",
+        "a wall met on the way up and back",
+    ),
     "a rate counts": ("stated", "duration * (0.0 if rate is None else np.array(rate))", "0.0", "hidden and moving"),
 }
 

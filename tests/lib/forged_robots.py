@@ -1022,6 +1022,13 @@ def sheltered(least, most):
     return replace(carried(), dynamics=sdhj.Dynamics([[-1.0], [1.0]], drift, gain, [0.5]))
 
 
+def swell(way):
+    """Carried by 0.25 m and back within one interval, between walls that are 2 m away from 0."""
+    wall = sdhj.UnsafeSet((0,), lambda p, t: 2.0 - np.abs(p[:, 0]), name="wall")
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u, t: u + way * 2.0 * np.sin(5.0 * np.pi * t) + 0.0 * q)
+    return replace(surge(), dynamics=dynamics, unsafe=[wall])
+
+
 def between():
     """In the plane between two walls, one along each axis: which inputs are clear is told for each wall alone."""
     walls = [sdhj.UnsafeSet((axis,), lambda p, t: 1.5 - np.abs(p[:, 0]), name=f"wall {axis}") for axis in (0, 1)]
@@ -1029,6 +1036,7 @@ def between():
 
 
 ROBOTS |= {"parked": (parked, (20, 20), 1), "between": (between, (20, 20), 1)}
+ROBOTS |= {"swell": (lambda: swell(1.0), (120,), 1), "ebb": (lambda: swell(-1.0), (120,), 1)}
 ROBOTS |= {"gusts on the left": (lambda: sheltered(-0.5, 0.0), (40, 20), 1)}
 ROBOTS |= {"gusts on the right": (lambda: sheltered(0.0, 0.5), (40, 20), 1)}
 
@@ -1234,6 +1242,8 @@ FORGERIES |= {
     ),
     "an arrival whose first half is in the target": Forgery("ring", ARRIVE, arrives(2, 119), becomes=before_the_seam),
     "a wall that nobody remembers": Forgery("noisy", MOVES, at_the_wall_to_a_cell, becomes=lambda: noisy(memory=False)),
+    "a wall met on the way up and back": Forgery("swell", CLEAR, only_clear(0, 94)),
+    "a wall met on the way down and back": Forgery("ebb", CLEAR, only_clear(0, 25)),
     "a gust from the left alone": Forgery("gusts on the left", MOVES, shifts("low", 1, place=9)),
     "a gust from the right alone": Forgery("gusts on the right", MOVES, shifts("high", -1, place=10)),
     "cells beyond the last": Forgery(
