@@ -515,6 +515,12 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         'np.abs(of("gain")[:1])',
         "a gust from the right alone",
     ),
+    "both ends are early and late": (
+        "argument",
+        "self.length - 4 * robot.jitter",
+        "self.length - 2 * robot.jitter",
+        "an end that is early by half",
+    ),
     "all of a part counts": (
         "argument",
         "            swept[number] = reached\n",

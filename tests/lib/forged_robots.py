@@ -667,6 +667,10 @@ FORGERIES: dict[str, Forgery] = {
         "sensed", MOVES, both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0))
     ),
     "no early end": Forgery("sensed", MOVES, both(nothing_in_sets, shifts("low", 3, j=2))),
+    "an end that is early by half": Forgery("sensed", MOVES, both(nothing_in_sets, shifts("low", 1, j=2))),
+    "an end that is early by half, on the way back": Forgery(
+        "sensed", MOVES, both(nothing_in_sets, shifts("high", -1, j=0))
+    ),
     "errors that are forgotten": Forgery("remembered", MOVES, becomes=sensed),
     "images shrunk by too much": Forgery(
         "remembered", MOVES, both(nothing_in_sets, shifts("low", 1, j=2), shifts("high", -1, j=2))
