@@ -735,3 +735,49 @@ def test_each_corner_of_what_the_last_input_leads_to_is_in_the_target(corner):
     state = ends - np.array([0.5, 0.0])
     assert controller.table.batch([state], 0).steps_to_go == 1
     assert controller.safe_inputs(state, 0).tolist() == ([0] if corner is None else [])
+
+
+@pytest.mark.filterwarnings("ignore:no node is ever in danger")
+@pytest.mark.parametrize("place", range(1, CHECKED_INSTANTS + 1))
+@pytest.mark.parametrize("met", [True, False])
+def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met):
+    """What flies by between the nodes, for 40 ms, either when the robot is there or when it has gone on."""
+    instant = 0.5 * place / CHECKED_INSTANTS
+    there, when = np.array([-1.23 + instant, 0.05]), instant + (0.0 if met else 0.06)
+
+    def flying(p, t):
+        return np.maximum(np.abs(p - there).max(axis=1) - 0.015, np.abs(t - when) - 0.02)
+
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+        sdhj.Dynamics([[1.0]], [[1.0, 0.0]]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
+        [sdhj.UnsafeSet((0, 1), flying, name="what flies by")],
+        delta=0.5,
+        steps=1,
+    )
+    controller = sdhj.Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), play=False))
+    assert controller.safe_inputs([-1.23, 0.05], 0).tolist() == ([] if met else [0])
+
+
+@pytest.mark.filterwarnings("ignore:no node is ever in danger")
+@pytest.mark.parametrize("forbids", [None, 0, 1])
+def test_a_state_where_an_input_is_forbidden_is_not_lost(forbids):
+    """Between the nodes, and left at once: under all inputs the state is lost, else none but that one is refused."""
+    state = np.array([-1.23, 0.05])
+    small = sdhj.UnsafeSet(
+        (0, 1), lambda p, t: np.abs(p - state).max(axis=1) - 0.015, inputs=None if forbids is None else [forbids]
+    )
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+        sdhj.Dynamics([[1.0], [0.9]], [[1.0, 0.0], [0.9, 0.0]]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
+        [small],
+        delta=0.5,
+        steps=1,
+    )
+    controller = sdhj.Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), play=False))
+    if forbids is None:
+        assert controller.steps_to_go(state, 0) is None
+    else:
+        assert controller.safe_inputs(state, 0).tolist() == [1 - forbids] and controller.steps_to_go(state, 0) == 1
