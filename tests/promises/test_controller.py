@@ -740,23 +740,24 @@ def test_each_corner_of_what_the_last_input_leads_to_is_in_the_target(corner):
 @pytest.mark.filterwarnings("ignore:no node is ever in danger")
 @pytest.mark.parametrize("place", range(1, CHECKED_INSTANTS + 1))
 @pytest.mark.parametrize("met", [True, False])
-def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met):
-    """What flies by between the nodes, for 40 ms, either when the robot is there or when it has gone on."""
+@pytest.mark.parametrize("bend", [0.0, 4.0])
+def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met, bend):
+    """What flies by between the nodes, for 40 ms, when the robot is there or has gone on, straight or on a parabola."""
     instant = 0.5 * place / CHECKED_INSTANTS
-    there, when = np.array([-1.23 + instant, 0.05]), instant + (0.0 if met else 0.06)
+    there, when = np.array([-1.23 + instant, 0.05 + bend * instant**2 / 2]), instant + (0.0 if met else 0.06)
 
     def flying(p, t):
         return np.maximum(np.abs(p - there).max(axis=1) - 0.015, np.abs(t - when) - 0.02)
 
     problem = sdhj.ReachAvoidProblem(
         sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
-        sdhj.Dynamics([[1.0]], [[1.0, 0.0]]),
+        sdhj.Dynamics([[1.0]], lambda q, u: np.stack([u[0] + 0.0 * q[:, 0], bend * (q[:, 0] + 1.23)], axis=1)),
         sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
         [sdhj.UnsafeSet((0, 1), flying, name="what flies by")],
         delta=0.5,
         steps=1,
     )
-    controller = sdhj.Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), play=False))
+    controller = sdhj.Controller(sdhj.solve(problem, sdhj.HJI(), play=False))
     assert controller.safe_inputs([-1.23, 0.05], 0).tolist() == ([] if met else [0])
 
 
