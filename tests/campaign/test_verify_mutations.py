@@ -129,7 +129,7 @@ MUTATIONS = {
         "((0, along_x, len(along_y)), (1, along_y, 1))",
         "((0, along_x, len(along_y)),)",
     ),
-    "sets that grow": ("arm/claims.py", SURVEY, "within and (old & ~new).any()", "False"),
+    "sets that grow": ("arm/claims.py", SURVEY, "(pool[less[rows]] & ~pool[here[rows]]).any()", "False"),
     "all ends of joint 1": ("arm/rows.py", ROW, "ends1.size", "1"),
     "all ends of joint 2": ("arm/rows.py", ROW, "ends2.size", "1"),
     "one step less": ("arm/rows.py", ROW, "place + steps - start", "min(place + steps - start + 1, len(todo) - 1)"),

@@ -23,9 +23,7 @@ COVER, PREDICTED, MOVES, CLEAR, ARRIVE, GROW, GOALS, NEARER = (
 class Claim:
     """One kind of claim: how many of these a file makes, how many were checked, and which were not proved.
 
-    failures : a text for each claim that was not proved, or for the first of `number`. boundary : how many of the cells
-    of which a claim is made, and of those checked, have a neighbour outside their set;
-        None where that means nothing.
+    failures : a text for each claim that was not proved, or for the first of `number`.
     beside : how many the file says besides, of cells of which nothing is promised; they were not looked at.
     """
 
@@ -34,7 +32,6 @@ class Claim:
     checked: int
     failures: Sequence[str]
     number: int | None = None
-    boundary: tuple[int, int] | None = None
     beside: int = 0
 
     @property
@@ -46,8 +43,7 @@ class Claim:
         """The claim in a line, and below it the first `SHOWN` failures."""
         proved = "proved" if self.checked == self.made else "no fault in these"  # a sample proves nothing of the rest
         verdict = proved if self.failed == 0 else f"{self.failed:,} NOT proved"
-        edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
-        line = f"{self.name}: {self.checked:,} of {self.made:,} checked{edge}, {verdict}"
+        line = f"{self.name}: {self.checked:,} of {self.made:,} checked, {verdict}"
         line += f"; {self.beside:,} of cells that are not promised were not looked at" if self.beside else ""
         return "\n".join([line, *(f"    {failure}" for failure in self.failures[:SHOWN])])
 

@@ -1,6 +1,5 @@
 """The claims of a file: it proves what holds, and finds what was planted."""
 
-import itertools
 import math
 import shutil
 from fractions import Fraction
@@ -53,7 +52,7 @@ def test_rows_are_drawn_and_counted(saved):
     assert report.ok
     claims = claims_of(report)
     nearer = claims["one step nearer, within 1"]
-    assert 0 < nearer.checked < nearer.made and 0 < nearer.boundary[1] < nearer.boundary[0]
+    assert 0 < nearer.checked < nearer.made
     assert str(verify(saved[0], samples=np.int64(300), seed=np.uint8(1))) == str(report)
     assert str(verify(saved[0], samples=300, seed=2)) != str(report)
 
@@ -285,16 +284,7 @@ def test_survey_agrees_with_the_twin(rng):
         for n in range(steps - k + 1):
             new = cells[at] & ~cells[at - 1] if n else cells[at]
             for cell in np.argwhere(new):
-                edge = False
-                for axis in range(2):
-                    for side in (-1, 1):
-                        beside = cell.copy()
-                        beside[axis] = (beside[axis] + side) % shape[axis]
-                        edge |= not cells[(at, *beside)]
-                for dx, dy in itertools.product((-1, 0, 1), repeat=2):
-                    x, y = np.clip(cell[2] + dx, 0, shape[2] - 1), np.clip(cell[3] + dy, 0, shape[3] - 1)
-                    edge |= not cells[at, cell[0], cell[1], x, y]
-                expected[cell[0] * shape[1] + cell[1], n] += (1, edge)
+                expected[cell[0] * shape[1] + cell[1], n] += 1
             at += 1
     np.testing.assert_array_equal(counts, expected)
     file.index = index.copy()

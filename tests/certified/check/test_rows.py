@@ -100,8 +100,7 @@ class Twin:
         self.along = [np.clip(np.arange(6)[:, None] + [-1, 0], 0, 5), np.clip(np.arange(6)[:, None] + [0, 1], 0, 5)]
         self.ends = [np.sort(rng.integers(0, 3, (9, 3, 2)), axis=2) for _ in range(2)]
         self.allowed = rng.random((self.steps, 9, 3, 3)) < 0.2
-        eroded = np.empty_like(pool)
-        bits.erode(pool, *self.along, eroded)
+        eroded = bits.erode(pool, *self.along)
         self.stored = rows.Stored(naive.pairs(self.steps), index, pool, eroded, self.allowed, *self.ends)
 
     def bounds(self, cell):

@@ -112,10 +112,10 @@ def any_bit(block):
     return False
 
 
-def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """For every block of `pool` write the cells (x, y) for which it has all of along_x[x] x along_y[y] to `out`.
+def erode(pool: Array, along_x: Array, along_y: Array) -> Array:
+    """For every block of `pool` the cells (x, y) for which it has all of along_x[x] x along_y[y]: (blocks, words).
 
-    pool, out : (blocks, words) uint64; blocks do not depend on one another, so threads may share them out.
+    pool (blocks, words) : uint64; blocks do not depend on one another, so threads may share them out.
     along_x (nx, most), along_y (ny, most) : for each cell of an axis the cells that are needed, int, each on the axis;
         where there are fewer than `most` the last one is repeated.
     """
@@ -135,4 +135,4 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
             near, following = (known[:, words + at : 2 * words + at] for at in (word, word + 1))
             every &= (near >> bit) | (following << 1 << (63 - bit)) | ~needs
         pool = every
-    out[:] = pool
+    return pool

@@ -219,29 +219,45 @@ class Arm(Sets):
             ]
             if not kind:
                 wrong = [f"start {start}, input {j}, joints {i1}, {i2}" for i1, i2, start, j in at]
-                made, seen, name, edge = int(flags.sum()), int(flags[:, rows].sum()), "clear of the obstacles", None
+                name, made, seen = "clear of the obstacles", int(flags.sum()), int(flags[:, rows].sum())
             else:
                 wrong = [f"start {k}, within {kind - 1}, cell {i1, i2, *divmod(xy, ny)}" for i1, i2, k, xy in at]
-                added = counts[:, kind - 1]
-                (made, *outer), (seen, *seen_outer) = added.sum(axis=0).tolist(), added[rows].sum(axis=0).tolist()
-                name, edge = f"{NEARER}, within {kind - 1}" if kind > 1 else GOALS, (*outer, *seen_outer)
-            yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
+                name, added = f"{NEARER}, within {kind - 1}" if kind > 1 else GOALS, counts[:, kind - 1]
+                made, seen = int(added.sum()), int(added[rows].sum())
+            yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()))
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
         """How many claims of each kind in rows (R,) are not proved, and an example of each: both (R, steps + 2).
 
         By `check_rows`, which says what kinds and examples are, in threads.
         """
-        # The agent's own move, which no input changes, is looked at once for all blocks.
-        eroded, still = np.empty_like(self.pool), [Fraction(0)]
-        erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
-        ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
-        stored = Stored(self.pairs, self.index, self.pool, eroded, self.allowed, *ends)
+        stored = self.stored(rows)
         failed, example = np.zeros((2, len(rows), self.steps + 2), np.int64)
         with tqdm(total=len(rows), desc="verify", unit="row", disable=silent) as bar:
             for done in in_threads(len(rows), lambda at: check_rows(rows[at], world, stored, failed[at], example[at])):
                 bar.update(done)
         return failed, example
+
+    def stored(self, rows: Array) -> Stored:
+        """The sets as compiled code reads them, eroded in the rows that some rows (R,) lead to.
+
+        The agent's own move, which no input changes, is looked at once for each block.
+        """
+        n2, still = int(self.counts[1]), [Fraction(0)]
+        along = self.ends(2, still)[0], self.ends(3, still)[0]
+        ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
+        reached, needed = np.zeros(self.index.shape[1], np.bool_), np.zeros(len(self.pool), np.bool_)
+        for first, second in zip(*ends, strict=True):  # of each input
+            reached[first[rows // n2, :, None] * n2 + second[rows % n2, None]] = True
+        needed[self.index[:, reached]] = True
+        blocks = np.flatnonzero(needed)
+        eroded = np.zeros(self.pool.shape, np.uint64)  # of other blocks nothing is left, which proves nothing
+
+        def work(part: slice) -> None:
+            eroded[blocks[part]] = erode(self.pool[blocks[part]], *along)
+
+        sum(in_threads(blocks.size, work))
+        return Stored(self.pairs, self.index, self.pool, eroded, self.allowed, *ends)
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
         """The cells of an axis that each of its cells may lead to, for each drift: (drifts, n, most).
@@ -288,40 +304,22 @@ def in_threads(count: int, work: Callable[[slice], None]) -> Iterator[int]:
             yield part.stop - part.start
 
 
-def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """Write to `out`, for every block of a pool, the cells for which it has all that they need (`bits.erode`).
-
-    In threads.
-    """
-    sum(in_threads(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
-
-
 def cells_added(arm: Any) -> tuple[Array, Claim]:
     """How many cells each set adds to the one with a step less, in each row; and the claim that sets grow, checked.
 
-    The numbers are (rows, steps + 1, 2), summed over all starts: of all cells that sets within 0, 1, ... steps
-    add, and of those among them that have a neighbour, along some axis, outside the set.
+    The numbers are (rows, steps + 1), of sets within 0, 1, ... steps, summed over all starts.
     """
-    index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)
-    along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in arm.counts[2:])
-    erode_all(pool, along_x, along_y, inner)
-    grid = np.arange(index.shape[1]).reshape(arm.counts[:2])
-    beside = [np.roll(grid, side, axis).ravel() for axis in (0, 1) for side in (-1, 1)]
-    counts, wrong = np.zeros((index.shape[1], arm.steps + 1, 2), np.int64), []
+    index, pool, wrong = arm.index, arm.pool, []
+    sizes = np.bitwise_count(pool).sum(axis=1, dtype=np.int64)
+    counts = np.zeros((index.shape[1], arm.steps + 1), np.int64)
     for i, (start, within) in enumerate(arm.pairs):
-        here = index[i]
-        # the row before is of the same start, in the order of `pairs`
-        less = index[i - 1] if within else np.zeros_like(here)
-        rows = np.flatnonzero(here != less) if within else np.arange(here.size)
-        new, old = pool[here[rows]], pool[less[rows]]
-        if within and (old & ~new).any():
-            wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
-        new &= ~old if within else ~np.uint64(0)
-        # At the boundary is what has a neighbour outside, in its row or a row beside it.
-        deep = inner[here[rows]]
-        for other in beside:
-            deep &= pool[here[other[rows]]]
-        for kind, bits in enumerate((new, new & ~deep)):
-            counts[rows, within, kind] += np.bitwise_count(bits).sum(axis=1, dtype=np.int64)
+        counts[:, within] += sizes[index[i]]
+        if within:
+            # the set before is of the same start, in the order of `pairs`
+            here, less = index[i], index[i - 1]
+            counts[:, within] -= sizes[less]
+            rows = np.flatnonzero(here != less)
+            if (pool[less[rows]] & ~pool[here[rows]]).any():
+                wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
     made = int((arm.pairs[:, 1] > 0).sum())
     return counts, Claim(GROW, made, made, wrong)

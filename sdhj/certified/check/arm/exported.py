@@ -13,8 +13,8 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.check.arm.bits import Array
-from sdhj.certified.check.arm.claims import Arm, erode_all, in_threads, overlapped
-from sdhj.certified.check.arm.rows import Stored, words_hold
+from sdhj.certified.check.arm.claims import Arm, in_threads, overlapped
+from sdhj.certified.check.arm.rows import words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.claims import Claim
 from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps, steps_to_go
@@ -129,14 +129,9 @@ def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int
             ahead[int(name == "filter"), start] = steps.reshape(rows, -1)
     if "clear" in words.fields:
         marks[3] = words.fields["clear"]
-    eroded = np.empty_like(sets.pool)
-    still = [0 * sets.axes[0][1]]
-    erode_all(sets.pool, sets.ends(2, still)[0], sets.ends(3, still)[0], eroded)
-    ends = [sets.ends(axis, [pair[axis] for pair in sets.scene.inputs()]) for axis in (0, 1)]
-    stored = Stored(sets.pairs, sets.index, sets.pool, eroded, sets.allowed, *ends)
     counts, failed = np.zeros((2, rows, 4), np.int64)
     with tqdm(total=rows, desc="exported", unit="row", disable=silent) as bar:
-        numbers = np.arange(rows)
+        stored = sets.stored(numbers := np.arange(rows))
         for done in in_threads(
             rows, lambda at: words_hold(numbers[at], every, ahead, marks, world, stored, counts[at], failed[at])
         ):
