@@ -31,7 +31,7 @@ def compared_states(grid: Grid) -> FloatArray:
     rng = np.random.default_rng(0)  # a problem is refused or not, whenever it is made
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):  # a tenth has coordinates of nodes, ends or zeros, where formulas may branch
-        inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
+        inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         last = [] if grid.periodic[axis] else [grid.upper[axis]]  # where it closes it is the first one
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis]], last, inside])
         states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)

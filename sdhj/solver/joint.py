@@ -4,20 +4,19 @@ The two agree up to the scheme's error; this one is there to be compared with.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sdhj.common.checks import Options
 from sdhj.common.remembering import FloatArray
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, ObstacleFunction, Pieces, in_eights
 from sdhj.solver.recursion import GridSets, InputRows
-from sdhj.solver.schemes import Scheme, checked_scheme, evolve_with_early_end
+from sdhj.solver.schemes import OfScheme, evolve_with_early_end
 from sdhj.table.table import AvoidTubes
 
 
@@ -79,7 +78,7 @@ class JointSets(GridSets):
 
 
 @dataclass(frozen=True)
-class Joint(Options):
+class Joint(OfScheme):
     """Method "joint": the reach-avoid game of Prop. 1 in one PDE for each input.
 
     With unsafe sets the PDE is solved as by `Scheme(frame="fixed")`. It is more diffusive than `sdhj.HJI`, and may
@@ -101,16 +100,7 @@ class Joint(Options):
     [0.18, 0.16]
     """
 
-    scheme: Scheme = field(default_factory=Scheme)
     name: ClassVar[str] = "joint"
-
-    def __post_init__(self) -> None:
-        checked_scheme(self.scheme)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """What a table's details say of the scheme."""
-        return dict(vars(self.scheme))
 
     def on(self, samples: Samples) -> JointGames:
         """The games of the intervals of a problem."""

@@ -5,7 +5,7 @@ A method has a `name` and a function `sets(problem, progress)`, which returns th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from sdhj.common.checks import Options, option
@@ -14,7 +14,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, HopfLaxGames
 from sdhj.solver.recursion import GridSets, TubeSets
-from sdhj.solver.schemes import DTYPES, Scheme, checked_scheme
+from sdhj.solver.schemes import DTYPES, OfScheme
 
 
 class Method(Protocol):
@@ -29,7 +29,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class HJI(Options):
+class HJI(OfScheme):
     """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations, on the whole grid.
 
     Parameters
@@ -48,16 +48,7 @@ class HJI(Options):
     [0.18, 0.05]
     """
 
-    scheme: Scheme = field(default_factory=Scheme)
     name: ClassVar[str] = "hji"
-
-    def __post_init__(self) -> None:
-        checked_scheme(self.scheme)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The options of the scheme as plain values by name, for a table's details."""
-        return dict(vars(self.scheme))
 
     def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HJIGames:
         """The games of the intervals of a problem, on some axes, by default all."""
@@ -109,7 +100,7 @@ class HopfLax(Options):
 
     @property
     def options(self) -> dict[str, Any]:
-        """As `HJI.options`."""
+        """As `OfScheme.options`."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HopfLaxGames:

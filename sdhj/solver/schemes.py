@@ -22,7 +22,7 @@ there.
 import math
 import reprlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -110,10 +110,20 @@ class Scheme(Options):
             raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")
 
 
-def checked_scheme(scheme: Any) -> None:
-    """Raise ValueError if an option `scheme` is no `Scheme`."""
-    if not isinstance(scheme, Scheme):
-        raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {scheme!r}")
+@dataclass(frozen=True)
+class OfScheme(Options):
+    """Base of methods by finite differences, whose one option is the scheme."""
+
+    scheme: Scheme = field(default_factory=Scheme)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.scheme, Scheme):
+            raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the scheme as plain values by name, for a table's details."""
+        return dict(vars(self.scheme))
 
 
 def too_restless_error(delta: float) -> ValueError:

@@ -155,7 +155,7 @@ def _failure(
         says = f"it may lead out of the tube {next_tube}, whose level reaches {margin:.3g} > 0"
         return Failure(j, "image", -float(margin), says)
     says = "the nodes around the state do not all mark it, or it comes too near a true set between them"
-    return Failure(j, "marks", -0.0, says)
+    return Failure(j, "marks", 0.0, says)
 
 
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:

@@ -61,12 +61,12 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
         begin, end, along = *np.concatenate([[begin, end], [end, end]], axis=1), np.concatenate([along, along @ TURN])
     normals = along @ -TURN
     offsets = (normals * end).sum(axis=1) + larger
-    return Part(corners, normals + 0.0, np.stack([(along * one).sum(axis=1) for one in (begin, end)], axis=1), offsets)
+    return Part(corners, normals, np.stack([(along * one).sum(axis=1) for one in (begin, end)], axis=1), offsets)
 
 
 def half_plane(normal: Any, offset: float) -> Part:
     """The half-plane of all points q with normal @ q >= offset, |normal| = 1."""
-    return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
+    return Part(np.zeros((0, 2)), -np.array([normal]), np.zeros((1, 2)), np.array([-offset]))
 
 
 @dataclass(frozen=True)
