@@ -34,9 +34,9 @@ from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.common.findings import ResolutionWarning
 from sdhj.common.remembering import FloatArray
+from sdhj.common.showing import announced
 from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
-from sdhj.kernels.compiling import announced
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of

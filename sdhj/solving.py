@@ -13,7 +13,7 @@ from sdhj.certified.explaining import scanty_finding
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.common.findings import Finding, findings, tell
-from sdhj.kernels.compiling import announced, hidden
+from sdhj.common.showing import announced, hidden
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.played import check_by_runs, played
 from sdhj.solver.entries import solve_stored

@@ -20,7 +20,7 @@ from tqdm import tqdm
 import sdhj
 from sdhj.cli import SEED, plainly
 from sdhj.common.checks import whole
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.plotting.looks import writable_folder
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.outcomes import OUTCOMES

@@ -39,7 +39,7 @@ from sdhj.arm.case_studies import TARGET
 from sdhj.arm.workspace import Disk
 from sdhj.cli import RUNS, SEED, plainly
 from sdhj.common.remembering import FloatArray
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing

@@ -27,7 +27,7 @@ from sdhj import plotting
 from sdhj.cli import RUNS, SEED, plainly
 from sdhj.common.checks import whole
 from sdhj.common.remembering import FloatArray
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.plotting.looks import writable_picture
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES

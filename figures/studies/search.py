@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from sdhj.common.checks import whole
 from sdhj.common.remembering import FloatArray
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import SUBSTEPS, admissible_states, check_controller, name_of, rollouts

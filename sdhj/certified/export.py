@@ -32,7 +32,7 @@ from sdhj.certified.table import CertifiedTable
 from sdhj.certified.words import CLEAR, Rule, words_of
 from sdhj.common.checks import option, whole
 from sdhj.common.remembering import FloatArray
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import threads

@@ -24,7 +24,7 @@ from sdhj.certified.packing import Changes, Packing
 from sdhj.common.checks import whole
 from sdhj.common.memory import require_memory
 from sdhj.common.remembering import FloatArray, kept, read_only
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import to_words
 from sdhj.kernels.stencils import (

@@ -34,8 +34,8 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, prediction_error_along, sees_walls
 from sdhj.common.remembering import FloatArray, ReadOnly, kept, read_only
+from sdhj.common.showing import hidden
 from sdhj.formulas.formula import Ends
-from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
 from sdhj.kernels.pieces import clip_to_walls, guess_enclosure, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves

@@ -125,7 +125,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import GrowsTooFast
 from sdhj.certified.table import CellSets
 from sdhj.common.checks import Options, number, whole
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
 

@@ -1,8 +1,8 @@
-"""Compiling kernels, and saying so: the first use takes up to a minute in which nothing else happens.
+"""How a kernel is compiled, kept on disk, and run by threads.
 
-How a kernel is compiled. Numba makes of each function, by itself, code that LLVM has optimised, machine code, and
-wrappers for callers in Python and C; where another function calls it, its code is linked into that one and optimised
-again. Of some two hundred functions here Python calls a dozen. So a kernel is two functions to Numba (`Kernel`):
+Numba makes of each function, by itself, code that LLVM has optimised, machine code, and wrappers for callers in Python
+and C; where another function calls it, its code is linked into that one and optimised again. Of some two hundred
+functions here Python calls a dozen. So a kernel is two functions to Numba (`Kernel`):
 
 - the one that Python calls is compiled as ever, and kept on disk (`Whole`, `MachineCode`);
 - the one that compiled code calls, `within`, has no wrappers, is only translated into LLVM's language (`Linked`), and
@@ -34,24 +34,20 @@ from numba import get_num_threads, njit, set_num_threads, threading_layer, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.event import Listener, install_listener
 from numba.core.options import DefaultOptions
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.extending import overload
-from tqdm import tqdm
 
 try:
     import fcntl
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-LINE = "compiling for this machine, up to a minute; later runs read it from a cache"
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 SELDOM = 100_000  # objects that are made between two looks for garbage while a kernel is compiled; Python's own is 700
 GLANCE = 0.05  # s between two looks at how many cores are free
 KEPT_DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
 PROC = Path("/proc")  # where Linux says so
-_listening: list[Listener] = []
 # Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
 # share, and many loops here are shorter. Without the counts the compiler also refuses whatever would allocate.
 # The option is not among Numba's documented ones: a version without it counts, and takes twice as long.
@@ -401,45 +397,3 @@ def _clear(folder: Path) -> None:
         with suppress(OSError):  # another process may be at it
             if time.time() - path.stat().st_mtime > KEPT_DAYS * 86400:
                 path.unlink()
-
-
-class _Announcer(Listener):
-    """A listener to Numba that writes `LINE` when the first kernel of this package is compiled, not read."""
-
-    said = False
-
-    def on_start(self, event: Any) -> None:
-        function = event.data["dispatcher"].py_func
-        if not self.said and function.__module__.startswith("sdhj."):
-            self.said = True
-            tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
-
-    def on_end(self, event: Any) -> None:
-        """Numba's listeners must have this method."""
-        pass
-
-
-def hidden(progress: bool | None) -> bool:
-    """Whether nothing is to be shown while work goes on: as `progress` says; for None, without a terminal."""
-    stream: Any = sys.stderr
-    # a program without a console has none, which tqdm does not survive
-    return stream is None or not (stream.isatty() if progress is None else progress)
-
-
-@contextmanager
-def announced(progress: bool | None = None) -> Iterator[None]:
-    """A context that says once on standard error that kernels are compiled, should any be, unless `progress` is False.
-
-    Also where standard error is no terminal, but for cells of notebooks, which would keep it.
-    """
-    in_cell = type(sys.stderr).__module__.startswith("ipykernel")
-    if _listening or in_cell or hidden(progress is not False):  # what is around it says it already
-        yield
-        return
-    listener = _Announcer()
-    _listening.append(listener)
-    try:
-        with install_listener("numba:compile", listener):
-            yield
-    finally:
-        _listening.remove(listener)

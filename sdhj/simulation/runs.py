@@ -28,7 +28,7 @@ from tqdm import tqdm
 from sdhj.common.checks import finite_array, whole
 from sdhj.common.memory import require_memory
 from sdhj.common.remembering import FloatArray, Sealed, read_only
-from sdhj.kernels.compiling import announced, hidden
+from sdhj.common.showing import announced, hidden
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from sdhj.common.checks import option, real_array
 from sdhj.common.memory import require_memory
 from sdhj.common.remembering import FloatArray, ReadOnly, read_only
-from sdhj.kernels.compiling import hidden
+from sdhj.common.showing import hidden
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Table
 from sdhj.table.controller import Controller

@@ -24,8 +24,9 @@ import numba
 import numpy as np
 import pytest
 
+from sdhj.common.showing import LINE
 from sdhj.kernels import compiling
-from sdhj.kernels.compiling import LINE, choice, chosen, inlined, kernel
+from sdhj.kernels.compiling import choice, chosen, inlined, kernel
 
 PACKAGE = Path(__file__).parents[2] / "sdhj"
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "stencil", "cfunc", "overload", "register_jitable"}
@@ -207,7 +208,7 @@ def test_compiling_is_said_once_and_reading_from_the_cache_is_not(tmp_path: Path
 import sys
 import numpy as np
 import sdhj
-from sdhj.kernels.compiling import announced
+from sdhj.common.showing import announced
 sys.stderr = sys.stdout
 grid = sdhj.Grid([0.0], [1.0], [5], [True])
 with announced(progress={progress}):

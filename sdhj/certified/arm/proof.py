@@ -22,10 +22,10 @@ from sdhj.certified.images import Proof
 from sdhj.common.checks import whole
 from sdhj.common.memory import require_memory
 from sdhj.common.remembering import FloatArray, read_only
+from sdhj.common.showing import hidden
 from sdhj.formulas.formula import Ends
 from sdhj.kernels.arm.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.arm.links import Agent, joint_moves
-from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.container import Contents
