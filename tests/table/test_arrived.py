@@ -148,6 +148,24 @@ def test_c_says_so(tmp_path, pace):
     assert ((c.steps_to_go(states, 3)[1] == 0) == there).all()
 
 
+@pytest.mark.parametrize("pace", [0.0, -0.2])
+def test_whoever_is_in_an_unsafe_set_as_well_has_not_arrived(pace):
+    """A wall stands in the target, or comes nearer: by the closed form who is at it is lost, at every step."""
+    wall = sdhj.UnsafeSet((0,), lambda p, t: 0.8 + pace * t - p[:, 0])
+    problem = zoo.line(target=zoo.goal(0.0, 1.0), unsafe=[wall])
+    table = sdhj.solve(problem, sdhj.Certified(cells=(80,)), progress=False, play=False)
+    controller, states = sdhj.Controller(table), np.linspace(-1.2, 1.2, 238)[:, None]  # none on a border
+    for step in range(4):
+        x, edge = states[:, 0], 0.8 + pace * 0.5 * step
+        there, lost = (np.abs(x) < 1.0) & (x < edge), x > edge
+        assert (controller.batch(states, step).steps_to_go[lost] == -1).all()
+        assert (table.steps_to_go(states, step) == 0).tolist() == there.tolist()
+        for within in range(table.steps - step + 1):
+            inside = table.contains(states, start=step, within=within)
+            assert inside[there].all() and not inside[lost].any()
+        assert controller.steps_to_go([edge + 0.05], step) is None
+
+
 def test_what_cannot_be_seen_is_not_claimed(tmp_path):
     """With errors of measurement nobody knows that the state has arrived."""
     noisy = zoo.line(push=0.08, target=zoo.goal(0.0, 0.95), sensing=sdhj.Sensing(error=0.02, memory=False))
