@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from zoo import interval_problem, plane, torus_problem
+from zoo import interval_problem, line, plane, torus_problem
 
 from sdhj import (
     BlackBox,
@@ -307,3 +307,16 @@ def test_problems_keep_formulas_and_no_functions():
     assert list(problem.opaque.items()) == [("unsafe 0", "a BlackBox with rate")]
     again = pickle.loads(pickle.dumps(problem))
     assert again.digest == problem.digest and again.target_value(np.zeros((1, 1)), 0.0) == -0.5
+
+
+def test_along_a_path_each_set_is_where_it_is_at_that_instant(rng):
+    """Of a wall that comes nearer and one that holds under input 2 alone, for times that repeat, too."""
+    coming = UnsafeSet((0,), lambda p, t: 3.0 - 0.7 * t - p[:, 0])
+    under = UnsafeSet((0,), lambda p, t: p[:, 0] + 2.0 - 0.3 * t, inputs=[2])
+    problem = line(unsafe=[coming, under])
+    times, inputs = np.array([0.4, 0.4, 0.1, 1.2, 1.2, 0.4]), np.array([0, 2, 1, 2])
+    x = rng.uniform(-4.0, 4.0, (4, 6, 1))
+    first, second = 3.0 - 0.7 * times - x[..., 0], x[..., 0] + 2.0 - 0.3 * times
+    np.testing.assert_allclose(problem.unsafe_along(x, times), first, atol=1e-12)
+    both = np.where(inputs[:, None] == 2, np.minimum(first, second), first)
+    np.testing.assert_allclose(problem.unsafe_along(x, times, inputs), both, atol=1e-12)

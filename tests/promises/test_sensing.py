@@ -1,5 +1,6 @@
 """Measurement error, delay and jitter: the closed form, the slow twin, inclusions, what is refused, attacks."""
 
+import itertools
 import multiprocessing
 import time
 from dataclasses import replace
@@ -457,6 +458,18 @@ def test_a_loop_keeps_to_the_steps_that_were_promised(method):
         q += 0.2 * (problem.inputs[answer.input, 0] + 1.0)
         assert q <= 1.0
     assert controller.step([0.0], 0.8).steps_to_go == 4  # for all steps again, from where that can be
+
+
+def test_a_prediction_follows_the_current_of_its_own_time():
+    """In a current that grows by 0.3 m/s in a second, from the measurement to the input's start: in closed form."""
+    problem = zoo.line(delta=0.5, sensing=Sensing(delay=0.2, memory=False))
+    moving = Dynamics(
+        problem.inputs, lambda q, u, t: np.stack([u[0] + 0.3 * t + 0.0 * q[:, 0]], axis=1), [[1.0]], [0.1]
+    )
+    controller = Controller(sdhj.solve(replace(problem, dynamics=moving), play=False, progress=False))
+    for step, j in itertools.product(range(4), range(3)):
+        expected = 0.3 + 0.2 * problem.inputs[j, 0] + 0.3 * 0.2 * (0.5 * step + 0.1)
+        assert controller.predict([0.3], j, step) == pytest.approx([expected], abs=1e-12)
 
 
 def test_a_prediction_is_the_measurement_moved_on():
