@@ -219,12 +219,14 @@ def terms_of(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> 
     if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
         return kept.setdefault(key, ((np.stack(box) / spacing).ravel().astype(dtype),))
     if isinstance(box[0], np.ndarray):
-        field = _field(grid, layout, box, 1, dtype)
+        laid_out = _field(grid, layout, box, 1, dtype)
     else:  # each end lies on the axes that it varies along
-        field = np.empty((2 * grid.ndim, layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width), dtype)
-        for row, one in zip(field, (*box[0], *box[1]), strict=True):
+        laid_out = np.empty(
+            (2 * grid.ndim, layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width), dtype
+        )
+        for row, one in zip(laid_out, (*box[0], *box[1]), strict=True):
             row[:] = _with_ghosts(grid, layout, np.broadcast_to(one.astype(dtype), grid.shape), dtype).ravel()
-    found = field.ravel(), (1.0 / spacing).astype(dtype)
+    found = laid_out.ravel(), (1.0 / spacing).astype(dtype)
     if velocities.drift is not None and velocities.gain is not None:
         coupled = _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype)
         return kept.setdefault(key, (*found, *coupled))
