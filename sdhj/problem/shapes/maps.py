@@ -41,9 +41,8 @@ KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thre
 MODES = ("trinary", "scale")
 UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
 BYTES_A_PIXEL = 130  # that reading a map and making its distances take at most
-MOST_TEXT = (
-    1 << 12
-)  # bytes of a YAML file, which has some hundred: PyYAML's time grows with the square of what is nested
+MOST_TEXT = 1 << 12  # bytes of a YAML file, which has some hundred
+MOST_BRACKETS = 100  # in it: PyYAML's time grows with the square of what is nested
 MOST_PICTURE = 1 << 27  # bytes of a picture
 FORMATS = ("PPM", "PNG", "BMP")  # that map servers write; to Pillow PGM and PBM are PPM
 
@@ -130,8 +129,11 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
         raise ImportError(f"reading the file of a map needs PyYAML; {MISSING}") from error
     words = {"0": False, "1": True} | yaml.SafeLoader.bool_values
     try:
+        text = bytes_of_file(path, MOST_TEXT).decode("utf-8")
+        if text.count("[") + text.count("{") > MOST_BRACKETS:
+            raise ValueError(f"it has more than {MOST_BRACKETS} brackets; a map needs one pair, of its origin")
         # to this loader every value is text: numbers are those of YAML 1.2, such as 1e-1, and nothing is made of tags
-        entries = yaml.load(bytes_of_file(path, MOST_TEXT).decode("utf-8"), Loader=yaml.BaseLoader)
+        entries = yaml.load(text, Loader=yaml.BaseLoader)
         if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
             said = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
             raise ValueError(f"it must have the keys {', '.join(KEYS)}, and {said}")
