@@ -120,12 +120,7 @@ def solve(
         no_store = f"a store does not take method {chosen.name!r}; leave store= out to solve in memory"
         if store is not None and isinstance(chosen, Certified):  # before it prepares, for as long as a solve may take
             raise ValueError(no_store)
-        if certified := isinstance(chosen, Certified):  # whose sets take half the time of a solve
-            check_sets(problem)
-        sets: Any = chosen.sets(problem, progress)
-        steps = problem.steps
-        if not (certified or isinstance(sets, GridSets)):  # which check as they sample
-            check_sets(problem)
+        sets, steps = _checked_sets(problem, chosen, progress), problem.steps
         if store is not None and not (isinstance(sets, GridSets) and sets.storable):
             raise ValueError(no_store)
         tubes = steps if steps is None or problem.time_invariant else steps * (steps + 1) // 2
@@ -164,6 +159,16 @@ def _simulated_at_the_end(table: Table) -> dict[str, Any]:
         cause = f"the table is complete, but the runs that are simulated at the end of a solve did not finish: {why}. "
         tell(Finding(cause, 0.0, "With play=False they are left out"))
         return {}
+
+
+def _checked_sets(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Any:
+    """The sets of a method, nothing of them solved, with warnings of what is wrong with unsafe sets and targets."""
+    if certified := isinstance(method, Certified):  # whose sets take half the time of a solve
+        check_sets(problem)
+    sets = method.sets(problem, progress)
+    if not (certified or isinstance(sets, GridSets)):  # sets on a grid check as they sample
+        check_sets(problem)
+    return sets
 
 
 def _fill_until_settled(sets: Any, most: int, bar: Any) -> None:
