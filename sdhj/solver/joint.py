@@ -16,7 +16,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, ObstacleFunction, Pieces, in_eights
 from sdhj.solver.recursion import GridSets, InputRows
-from sdhj.solver.schemes import OfScheme, evolve_with_early_end
+from sdhj.solver.schemes import FiniteDifferences, evolve_with_early_end
 from sdhj.table.table import AvoidTubes
 
 
@@ -78,7 +78,7 @@ class JointSets(GridSets):
 
 
 @dataclass(frozen=True)
-class Joint(OfScheme):
+class Joint(FiniteDifferences):
     """Method "joint": the reach-avoid game of Prop. 1 in one PDE for each input.
 
     With unsafe sets the PDE is solved as by `Scheme(frame="fixed")`. It is more diffusive than `sdhj.HJI`, and may

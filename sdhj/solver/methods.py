@@ -14,7 +14,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, HopfLaxGames
 from sdhj.solver.recursion import GridSets, TubeSets
-from sdhj.solver.schemes import DTYPES, OfScheme
+from sdhj.solver.schemes import DTYPES, FiniteDifferences
 
 
 class Method(Protocol):
@@ -29,7 +29,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class HJI(OfScheme):
+class HJI(FiniteDifferences):
     """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations, on the whole grid.
 
     Parameters
@@ -100,7 +100,7 @@ class HopfLax(Options):
 
     @property
     def options(self) -> dict[str, Any]:
-        """As `OfScheme.options`."""
+        """As `FiniteDifferences.options`."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, samples: Samples, axes: Sequence[int] | None = None) -> HopfLaxGames:

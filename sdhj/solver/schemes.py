@@ -111,7 +111,7 @@ class Scheme(Options):
 
 
 @dataclass(frozen=True)
-class OfScheme(Options):
+class FiniteDifferences(Options):
     """Base of methods by finite differences, whose one option is the scheme."""
 
     scheme: Scheme = field(default_factory=Scheme)
