@@ -67,7 +67,7 @@ class Runs:
         self.controller, self.play, self.rng = controller, play, rng
         count = len(starts)
         same = sensing == controller.problem.sensing
-        self.remembers = controller.problem.sensing.remembers
+        self.remembers = controller.remembers
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
         self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
         self.outcomes, self.intervals_played = np.full(count, UNDECIDED), np.zeros(count, np.int64)

@@ -149,6 +149,7 @@ class Controller:
         self.table, self.problem, self.rule = table, table.problem, rule
         self.all_left = bool(getattr(rule, "all_left", False))
         self.depends_on_time = self.all_left or not self.problem.time_invariant  # whether answers depend on the step
+        self.remembers = self.problem.sensing.remembers
         self._distances: dict[int, FloatArray] = {}  # of an input from all others
         self._prepare()
 
@@ -164,7 +165,7 @@ class Controller:
             if isinstance(self.rule, str):
                 self.choose(batch)
                 self.safe_by_true_sets(batch)
-            if self.problem.sensing.remembers:
+            if self.remembers:
                 self.table.next_points(some, np.zeros(len(some), np.int64), step, some)
             for one in some:
                 self.fallback(one, step)
@@ -301,7 +302,7 @@ class Controller:
     def _require_carried(self, q: FloatArray, step: int | None, first: bool) -> None:
         """ValueError where a table for controllers that remember is asked about predictions by themselves."""
         # exported tables refuse the same, by `SDHJ_NOT_CARRIED`
-        if first or not self.problem.sensing.remembers:
+        if first or not self.remembers:
             return
         states, (point, at) = real_array("states", q), self.remembered or (None, None)
         carried = point is not None and states.shape[-1:] == point.shape and bool((states == point).all())
@@ -470,7 +471,7 @@ class Controller:
         step, previous = k if self.depends_on_time else 0, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
-        if problem.sensing.remembers and last and not missed and self.remembered:
+        if self.remembers and last and not missed and self.remembered:
             kept, lost = self.table.next_points(
                 self.remembered[0][None], np.array([last.input]), self.remembered[1], state[None]
             )
