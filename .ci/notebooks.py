@@ -34,6 +34,7 @@ LARGEST = 600_000  # bytes
 ANSWERED = re.compile(r"^Exercise [0-9.]+: (?!not answered yet)", re.MULTILINE)
 SOLUTION = "<details><summary>Solution</summary>"
 CHECK = re.compile(r"^(check_\w+)\(", re.MULTILINE)
+PICTURE = re.compile(r'(?<=<img src="data:image/png;base64,)[^"]+')
 WIDGET = re.compile(r"^explore_\w+\(", re.MULTILINE)
 VIEW = "application/vnd.jupyter.widget-view+json"
 METADATA = {
@@ -79,8 +80,8 @@ def clean(notebook: nbformat.NotebookNode) -> None:
         for output in cell.get("outputs", []):
             data = output.get("data", {})
             data.pop(VIEW, None)
-            if "image/png" in data:
-                data["image/png"] = small(data["image/png"])
+            if "text/html" in data:
+                data["text/html"] = PICTURE.sub(lambda found: small(found[0]), data["text/html"])
     notebook.metadata = nbformat.from_dict({**METADATA, "sdhj": {"code": code_hash(notebook)}})
 
 
@@ -159,7 +160,7 @@ def with_solutions(path: Path) -> str:
 def picture(notebook: nbformat.NotebookNode) -> bytes | None:
     """The last picture of the cell tagged "gallery"."""
     outputs = [o for cell in notebook.cells if "gallery" in cell.metadata.get("tags", []) for o in cell.outputs]
-    pictures = [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    pictures = [png for output in outputs for png in PICTURE.findall(output.get("data", {}).get("text/html", ""))]
     return base64.b64decode(pictures[-1]) if pictures else None
 
 

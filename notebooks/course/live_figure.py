@@ -2,7 +2,6 @@
 
 import struct
 import zlib
-from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -10,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from PIL.PngImagePlugin import PngInfo, putchunk
+from PIL.PngImagePlugin import putchunk
 
 FAST = 1  # of 9: without transparency half the time of the usual 6 with it, for a file at most a third larger
 ABOVE = 2  # the filter of rows that are stored as what changes from the row above: most of a picture does not
@@ -68,7 +67,7 @@ class LiveFigure(Figure):
             self._laid_out = False
         self._waiting = []
 
-    def savefig(self, fname: BinaryIO, *, metadata: Mapping[str, str], **_: Any) -> None:  # type: ignore[override]
+    def savefig(self, fname: BinaryIO, **_: Any) -> None:  # type: ignore[override]
         """Write what is drawn as a PNG file, in the figure's own resolution."""
         self._forget_waiting()
         if not self._laid_out:
@@ -87,7 +86,7 @@ class LiveFigure(Figure):
         finally:
             for part in hidden:
                 part.set_visible(True)
-        write_png(fname, np.asarray(self._agg.buffer_rgba())[..., :3], self.dpi, metadata)
+        write_png(fname, np.asarray(self._agg.buffer_rgba())[..., :3], self.dpi)
 
     def _draw_frames(self, frames: list[Any]) -> None:
         """Put the background on the canvas, drawn anew where something else is to be seen on it."""
@@ -104,22 +103,17 @@ class LiveFigure(Figure):
             self._agg.restore_region(self._background)
 
 
-def write_png(file: BinaryIO, pixels: Any, dpi: float, metadata: Mapping[str, str]) -> None:
+def write_png(file: BinaryIO, pixels: Any, dpi: float) -> None:
     """Write colours (height, width, 3), uint8, in two thirds of the time of a library that tries all filters."""
     height, width = pixels.shape[:2]
     rows = np.full((height, 1 + 3 * width), ABOVE, np.uint8)
     values = rows[:, 1:]
     values[:] = pixels.reshape(height, -1)
     values[1:] -= values[:-1].copy()
-    words = PngInfo()
-    for name, text in metadata.items():
-        words.add_text(name, text)
     per_metre = round(dpi / 0.0254)
     file.write(b"\x89PNG\r\n\x1a\n")
     putchunk(file, b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0))
     putchunk(file, b"pHYs", struct.pack(">2IB", per_metre, per_metre, 1))
-    for name, text, *_ in words.chunks:
-        putchunk(file, name, text)
     putchunk(file, b"IDAT", zlib.compress(rows, FAST))
     putchunk(file, b"IEND")
 

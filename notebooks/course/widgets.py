@@ -6,6 +6,7 @@ the picture for the first setting; where a kernel runs, moving a slider redraws 
 some frames of one control, which `notebooks/site/frames.py` writes when the notebook is executed.
 """
 
+import base64
 import gc
 import html
 import inspect
@@ -20,10 +21,9 @@ import ipywidgets
 import matplotlib as mpl
 import numpy as np
 import PIL.Image
-from IPython.display import Image, display
+from IPython.display import display
 from matplotlib.figure import Figure
 from PIL import ImageDraw, ImageFont
-from PIL.PngImagePlugin import PngInfo
 
 from course.live_figure import LiveFigure
 from sdhj.arm.case_studies import scene
@@ -51,14 +51,12 @@ def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes
         first = next(iter(inspect.signature(draw).parameters))
         numbers = draw(figure.subplots() if first == "ax" else figure, *data, **values)
         told = dict(numbers) if isinstance(numbers, Mapping) else {}
-        return _png(figure, told_of(told)), told
+        return _png(figure), told
 
 
-def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
-    """A PNG file that holds in words what its picture says."""
+def _png(figure: Figure, **options: Any) -> bytes:
     buffer = io.BytesIO()
-    words = {"Description": said} if said else {}
-    figure.savefig(buffer, format="png", dpi=DPI, metadata=UNDATED["png"] | words, **options)
+    figure.savefig(buffer, format="png", dpi=DPI, metadata=UNDATED["png"], **options)
     return buffer.getvalue()
 
 
@@ -67,7 +65,7 @@ def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str =
     with DRAWING, style():
         figure = new_figure(*size)
     png, numbers = render(draw, figure, *data, **values)
-    display(Image(data=png, format="png", alt=alt or first_line(draw)))
+    display(as_html(png, alt or first_line(draw)), raw=True)
     if numbers:
         print(told_of(numbers))
 
@@ -75,7 +73,13 @@ def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str =
 def show(figure: Figure, alt: str = "picture") -> None:
     """Show a figure that is already drawn, with a description for screen readers."""
     with DRAWING, style():
-        display(Image(data=_png(figure, bbox_inches="tight"), format="png", alt=alt))
+        display(as_html(_png(figure, bbox_inches="tight"), alt), raw=True)
+
+
+def as_html(png: bytes, alt: str) -> dict[str, str]:
+    """A picture by kinds of output: HTML, as JupyterLab drops the words that come beside a PNG file."""
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return {"text/html": f'<img src="{source}" alt="{html.escape(alt)}">', "text/plain": alt}
 
 
 def first_line(draw: Draw) -> str:
@@ -217,7 +221,7 @@ class Explorer:
             except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
                 self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             if self.displayed is not None:
-                self.displayed.update(self._image())
+                self.displayed.update(self._image(), raw=True)
             self._tell()
 
     def _rest(self) -> None:
@@ -248,13 +252,13 @@ class Explorer:
             note = f"<div role='note' style='line-height:1.4; color:#555555'>{html.escape(self.note)}</div>"
             self._status.value = told + (note if self.note else "")
 
-    def _image(self) -> Image:
+    def _image(self) -> dict[str, str]:
         alt = self.alt or first_line(self.draw)
         alt = f"{alt}. {told_of(self.numbers)}" if self.numbers else alt
         if not self.error:
-            return Image(data=self.png, format="png", alt=alt)
+            return as_html(self.png, alt)
         said = f"still the picture of {self.shown_setting}"
-        return Image(data=greyed(self.png, said), format="png", alt=f"{said}. {alt}")
+        return as_html(greyed(self.png, said), f"{said}. {alt}")
 
     def panel(self) -> Any:
         """The controls in columns, with the numbers below."""
@@ -273,7 +277,7 @@ class Explorer:
         display(
             {VIEW: {"version_major": 2, "version_minor": 0, "model_id": panel.model_id}, "text/plain": text}, raw=True
         )
-        self.displayed = display(self._image(), display_id=True)
+        self.displayed = display(self._image(), raw=True, display_id=True)
         SHOWN.append(self)
 
 
@@ -281,7 +285,7 @@ SHOWN: list[Explorer] = []  # in the order in which they were displayed
 
 
 def greyed(png: bytes, said: str) -> bytes:
-    """A picture without its colours, half as dark, with words across its top; it still says what it shows."""
+    """A picture without its colours, half as dark, with words across its top."""
     shown = PIL.Image.open(io.BytesIO(png))
     grey = PIL.Image.blend(shown.convert("L"), PIL.Image.new("L", shown.size, 255), 0.45)
     font = ImageFont.load_default(15)
@@ -289,11 +293,8 @@ def greyed(png: bytes, said: str) -> bytes:
     left, top, right, bottom = brush.textbbox((8, 6), said, font)
     brush.rectangle((left - 4, top - 4, right + 4, bottom + 4), fill=255, outline=90)
     brush.text((8, 6), said, fill=30, font=font)
-    words, buffer = PngInfo(), io.BytesIO()
-    for name, text in shown.info.items():
-        if isinstance(text, str):
-            words.add_text(name, text)
-    grey.save(buffer, "png", pnginfo=words)
+    buffer = io.BytesIO()
+    grey.save(buffer, "png")
     return buffer.getvalue()
 
 

@@ -84,7 +84,7 @@ html_theme_options = {
 
 
 def as_page(app: Any, docname: str, source: list[str]) -> None:
-    """Make a page of a notebook: its file is linked, pictures have words, and widgets have frames."""
+    """Make a page of a notebook: its file is linked, and widgets have frames."""
     path = Path(os.fspath(app.env.doc2path(docname)))
     if path.suffix != ".ipynb":
         return
@@ -96,9 +96,6 @@ def as_page(app: Any, docname: str, source: list[str]) -> None:
     for cell in notebook["cells"]:
         fold_imports(cell)
         outputs = cell.get("outputs", [])
-        words = (output.get("metadata", {}).get("image/png", {}).get("alt") for output in outputs)
-        if alt := next(filter(None, words), None):
-            cell["metadata"].setdefault("mystnb", {})["image"] = {"alt": alt}
         if any(is_panel(output) for output in outputs) and (widget := next(told, None)):
             put_frames(outputs, widget)
     source[0] = json.dumps(notebook)
@@ -137,7 +134,7 @@ def is_panel(output: Any) -> bool:
 def put_frames(outputs: list[Any], strips: list[Any]) -> None:
     """A slider through some pictures, for each control that has them, in place of the one that waits for a kernel."""
     panel = next(output for output in outputs if is_panel(output))
-    picture = next(output for output in outputs if "image/png" in output.get("data", {}))
+    picture = outputs[outputs.index(panel) + 1]
     outputs.remove(panel)
     picture["data"] = {"text/html": "\n".join(as_figure(strip) for strip in strips)}
 

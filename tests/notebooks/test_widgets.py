@@ -1,5 +1,6 @@
 """The widgets' callbacks at the corners of their sliders; what they show is asserted as numbers, not as pixels."""
 
+import base64
 import gc
 import io
 import json
@@ -11,6 +12,7 @@ from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
+from xml.etree import ElementTree
 
 import frames
 import matplotlib as mpl
@@ -408,12 +410,26 @@ def test_a_refused_setting_keeps_the_picture() -> None:
     assert explorer.set(share=0.2) == {"share": 0.2} and explorer.error == "" and explorer.png != before
 
 
+def taken_in(shown: dict[str, str]) -> tuple[bytes, str]:
+    """The PNG file and the words of a picture, as a reader of HTML has them."""
+    (image,) = ElementTree.fromstring(f"<p>{shown['text/html'].removesuffix('>')}/></p>")
+    assert image.attrib["alt"] == shown["text/plain"] and set(image.attrib) == {"src", "alt"}
+    kind, encoded = image.attrib["src"].split(",")
+    assert (image.tag, kind) == ("img", "data:image/png;base64")
+    return base64.b64decode(encoded), image.attrib["alt"]
+
+
+def test_words_beside_a_picture_stay_words() -> None:
+    said = """a < b & "c" > 'd'"""
+    assert taken_in(widgets.as_html(PNG, said)) == (PNG, said)
+
+
 def test_a_refused_setting_greys_the_picture_and_names_what_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     class Shown:
         images: ClassVar[list[Any]] = []
 
-        def update(self, image: Any) -> None:
-            self.images.append(image)
+        def update(self, image: Any, raw: bool) -> None:
+            self.images.append(taken_in(image))
 
     monkeypatch.setattr(widgets, "display", lambda *_, **__: Shown())
     controls = {"share": slider(0.5), "pace": widgets.slider("pace", 0, 9, 1, 3)}
@@ -421,12 +437,12 @@ def test_a_refused_setting_greys_the_picture_and_names_what_it_shows(monkeypatch
     explorer._ipython_display_()
     widgets.SHOWN.remove(explorer)
     explorer.set(share=0.9)
-    grey = Image.open(io.BytesIO(Shown.images[-1].data))
+    png, alt = Shown.images[-1]
+    grey = Image.open(io.BytesIO(png))
     assert np.ptp(np.asarray(grey.convert("RGB")).astype(int), axis=2).max() == 0
-    assert grey.info["Description"] == "share: 0.5"
-    assert Shown.images[-1].alt.startswith("still the picture of share: 0.5. ")  # and not of pace, which is the same
+    assert alt.startswith("still the picture of share: 0.5. ")  # and not of pace, which is the same
     explorer.set(share=0.2)
-    assert Shown.images[-1].data == explorer.png and len(Shown.images) == 2
+    assert Shown.images[-1][0] == explorer.png and len(Shown.images) == 2
 
 
 def test_a_control_without_a_part_is_greyed(arm: LookupTable) -> None:
@@ -635,13 +651,6 @@ def test_what_plays_begins_where_the_slider_is() -> None:
     assert control.player.value == control.value == 60
 
 
-def test_a_picture_holds_what_it_says() -> None:
-    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
-    for _ in range(2):
-        assert Image.open(io.BytesIO(explorer.png)).info["Description"] == widgets.told_of(explorer.numbers)
-        explorer.set(share=0.2)
-
-
 # ---- the figure that it draws on
 
 
@@ -718,14 +727,15 @@ def test_a_page_without_a_kernel_has_text_and_picture(monkeypatch: pytest.Monkey
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)}, alt="a line")
     panel, image = shown_by(explorer._ipython_display_, monkeypatch)
     assert widgets.VIEW in panel and "share (0.5)" in panel["text/plain"] and "Shown: share: 0.5" in panel["text/plain"]
-    assert image.data.startswith(PNG) and image.alt == "a line. share: 0.5"
+    assert taken_in(image) == (explorer.png, "a line. share: 0.5") and explorer.png.startswith(PNG)
 
 
 def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, point: LookupTable) -> None:
     (image,) = shown_by(lambda: widgets.picture(draw_plane_game, point, size=(3.0, 3.0)), monkeypatch)
-    assert image.data.startswith(PNG) and image.alt.startswith("Tubes of a robot")
+    png, alt = taken_in(image)
+    assert png.startswith(PNG) and alt.startswith("Tubes of a robot")
     (image,) = shown_by(lambda: paper_figure("fig05_game"), monkeypatch)
-    assert image.alt == "Fig. 5: The policy moves the robot; the adversary disturbs it and moves the pursuer"
+    assert taken_in(image)[1] == "Fig. 5: The policy moves the robot; the adversary disturbs it and moves the pursuer"
     with pytest.raises(ValueError, match="figure"):
         paper_figure("fig99")
 
