@@ -12,7 +12,7 @@ from sdhj.certified.check import argument, formulas, reading, stated
 
 pytestmark = pytest.mark.campaign
 
-OF = {name: f"sdhj.certified.check.{name}" for name in ("stated", "argument")}
+OF = {name: f"sdhj.certified.check.{name}" for name in ("reading", "stated", "argument")}
 MUTATIONS = {  # the file, what stands there, what stands there instead, the forgery or the robot
     # 1: cells
     "where an axis begins": ("argument", "low == decimal(robot.lower[k]) and ", "", "cells that begin elsewhere"),
@@ -65,7 +65,7 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "a layer where an axis closes, said so",
     ),
     "layers have no width": (
-        "argument",
+        "reading",
         "[*[begin] * a, *inner,",
         "[*[begin] * a, *[one + 0.05 * a * (one == begin) for one in inner],",
         "standing",

@@ -49,6 +49,7 @@ from sdhj.certified.check.reading import (
     MOST_ON_AN_AXIS,
     array,
     decimal,
+    edges_of,
     expect,
     fraction,
     is_whole,
@@ -255,11 +256,8 @@ class Argument:
         layers = listed("layers", stated.get("layers", [[0, 0]] * n), n)
         whole = all(is_whole(one, 0, 1) for pair in layers for one in listed("layers of an axis", pair, 2))
         expect(whole, "layers must be 0 or 1 at both ends of each axis", layers)
-        self.counts, self.layers, self.edges = np.array(shape), layers, list[Array]()
-        for cells, (low, width, least, most), (a, b) in zip(shape, self.axes, layers, strict=True):
-            begin, end = float(low), float(low + (least + most) / 2)
-            inner = [float(low + i * width) for i in range(cells - a - b)]
-            self.edges.append(np.array([*[begin] * a, *inner, end, *[end] * b]))  # both ends of a layer are the same
+        self.counts, self.layers = np.array(shape), layers
+        self.edges = [edges_of(*one) for one in zip(shape, self.axes, layers, strict=True)]
         self.widths = [float(width) for _, width, *_ in self.axes]
         rows, words = math.prod(shape[:-1]), -(-shape[-1] // 64)
         self.index = array(arrays, "index", np.uint32, None, rows)

@@ -11,7 +11,7 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
@@ -164,3 +164,17 @@ def fraction(text: Any) -> Fraction:
     expect(bool(fits), "cells must be stated as fractions", text)
     # of a denominator 0 `head_and_arrays` makes a ValueError
     return Fraction(text)
+
+
+def edges_of(cells: int, axis: Sequence[Fraction], layers: Sequence[int]) -> Array:
+    """The ends of the cells of an axis, (cells + 1,), as the nearest floats; both ends of a layer are the same.
+
+    axis : its lower end, the width of a cell, the least and the greatest length. layers : at the lower, the upper end.
+    """
+    (low, width, least, most), (a, b) = axis, layers
+    # numerators over one denominator: Python's quotient of two whole numbers is the nearest float, as of a fraction
+    over = math.lcm(low.denominator, width.denominator)
+    first, step = int(low * over), int(width * over)
+    inner = [(first + i * step) / over for i in range(cells - a - b)]
+    begin, end = float(low), float(low + (least + most) / 2)
+    return np.array([*[begin] * a, *inner, end, *[end] * b])

@@ -9,6 +9,7 @@ import pytest
 from naive_certified import CIRCLE, STILL
 
 from sdhj.certified.check.arm.claims import PI, Scene, overlapped
+from sdhj.certified.check.reading import edges_of
 
 
 def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
@@ -61,3 +62,17 @@ def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
         assert found <= set(listed)
         span = (high - cell * width + (fast - slow) * (delta + late) + 4 * off) / width
         assert len(listed) <= span + 2
+        begin, end = cell * width + slow * (delta + late) - 2 * off, high + fast * (delta + late) + 2 * off
+        laps = [lap * size for lap in range(-2, 3)] if axis == 0 else [0]
+        assert listed == [m for m in range(n) if any(begin < (m + 1) * width + t and m * width + t < end for t in laps)]
+
+
+def test_edges_are_the_floats_nearest_to_fractions(rng):
+    for _ in range(200):
+        below, powers, numbers = rng.integers(1, 10**9, 3).tolist(), rng.integers(1, 30, 3).tolist(), range(2, 90)
+        low, width, more = (Fraction(a - 5 * 10**8, 7**b * 10**9) for a, b in zip(below, powers, strict=True))
+        axis = low, abs(width) + Fraction(1, 10 ** (10 * powers[0])), abs(more), abs(more) + Fraction(1, 10**20)
+        cells, layers = int(rng.choice(numbers)), rng.integers(0, 2, 2).tolist()
+        inner = [float(low + i * axis[1]) for i in range(cells - sum(layers))]
+        ends = [float(low)] * layers[0] + inner + [float(low + (axis[2] + axis[3]) / 2)] * (1 + layers[1])
+        assert edges_of(cells, axis, layers).tolist() == ends

@@ -10,7 +10,7 @@ import numpy as np
 
 from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.intervals import Array
-from sdhj.certified.check.reading import MOST_ON_AN_AXIS, array, expect, fraction, is_whole, real, reals
+from sdhj.certified.check.reading import MOST_ON_AN_AXIS, array, edges_of, expect, fraction, is_whole, real, reals
 
 
 class Sensing:
@@ -61,13 +61,8 @@ class Sets:
 
     @cached_property
     def edges(self) -> list[Array]:
-        """The ends of the cells of each axis, (n + 1,), as the nearest floats; both ends of a layer are the same."""
-        out = []
-        for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
-            begin, end = float(low), float(low + (least + most) / 2)
-            inner = [float(low + i * width) for i in range(n - a - b)]
-            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))
-        return out
+        """The ends of the cells of each axis, (n + 1,)."""
+        return [edges_of(*one) for one in zip(self.counts.tolist(), self.axes, self.layers, strict=True)]
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
         """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well."""
