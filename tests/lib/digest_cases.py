@@ -140,54 +140,6 @@ def posts() -> list[Any]:
     return [sdhj.UnsafeSet((0, 1), zoo.near(0.2, 0.5, 0.3), name="states")]
 
 
-def chased() -> Any:
-    """Five axes: a car with its heading, and a pursuer that moves along two axes."""
-
-    def drift(q: Any, u: Any) -> Any:
-        still = np.zeros(len(q))
-        return np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0]), still, still], axis=1)
-
-    gain = np.zeros((5, 4))
-    gain[[0, 1, 3, 4], range(4)] = 1.0
-    apart = lambda p, t: np.hypot(p[:, 0] - p[:, 2], p[:, 1] - p[:, 3]) - 0.35  # noqa: E731
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid(
-            *([-1.5, -1.5, -np.pi, -1.0, -1.0], [1.5, 1.5, np.pi, 1.0, 1.0], [7, 7, 8, 6, 6]),
-            *([False, False, True, False, False], ["x", "y", "theta", "px", "py"]),
-            ends=["unsafe", ("unsafe", "wall"), "wall", "wall", "wall"],
-        ),
-        dynamics=sdhj.Dynamics([[-2.0], [0.0], [2.0]], drift, gain, [0.1, 0.1, 0.2, 0.2]),
-        target=sdhj.TargetSet((0, 1), zoo.near(0.0, 0.0, 0.7)),
-        unsafe=[sdhj.UnsafeSet((0, 1, 3, 4), apart, name="pursuer")],
-        delta=0.2,
-        steps=2,
-    )
-
-
-def six() -> Any:
-    """Six axes, two of them periodic: rates that follow inputs, and angles and places that follow rates."""
-
-    def drift(q: Any, u: Any) -> Any:
-        still = np.zeros(len(q))
-        return np.stack(
-            [q[:, 3] * np.cos(q[:, 2]), q[:, 3] * np.sin(q[:, 2]), q[:, 4], still + u[0], still + u[1], still], 1
-        )
-
-    gain = np.zeros((6, 2))
-    gain[[3, 5], range(2)] = 1.0
-    apart = lambda p, t: np.abs(p[:, 0] - 0.4 * np.cos(p[:, 1])) - 0.2  # noqa: E731
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid(
-            [-1, -1, -np.pi, -1, -2, -np.pi], [1, 1, np.pi, 1, 2, np.pi], [6, 5, 6, 5, 5, 6], np.arange(6) % 3 == 2
-        ),
-        dynamics=sdhj.Dynamics([[-1.0, 2.0], [0.0, -2.0], [1.0, 0.0]], drift, gain, [0.1, 0.2]),
-        target=sdhj.TargetSet((0, 1), zoo.near(0.0, 0.0, 0.6)),
-        unsafe=[sdhj.UnsafeSet((0, 5), apart, name="gate")],
-        delta=0.2,
-        steps=2,
-    )
-
-
 def robot() -> Any:
     """A random robot, everything of which depends on state, input and time, beside a disk that moves."""
     return robots.random_robot(6).problem()
@@ -291,7 +243,7 @@ CASES: dict[str, Case] = {
     ),
     "car, certified": Case(zoo.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3)),
-    "six axes": Case(six),
-    "chased, five axes": Case(chased),
-    "chased, five axes, projected": Case(chased, sdhj.Projected([(0, 1, 2, 3), (0, 1, 2, 4)])),
+    "six axes": Case(zoo.six),
+    "chased, five axes": Case(zoo.chased),
+    "chased, five axes, projected": Case(zoo.chased, sdhj.Projected([(0, 1, 2, 3), (0, 1, 2, 4)])),
 }

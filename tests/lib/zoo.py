@@ -21,7 +21,25 @@ def empty_table(problem, avoid, dtype="float32"):
     return LookupTable(problem, "by hand", index, np.empty((number, *problem.grid.shape), dtype), marks, avoid, {})
 
 
-# ---- families: any field of the problem may be given
+# ---- problems by name: any field may be changed, the grid's and the dynamics' own among them
+
+OF_GRID = {"lower", "upper", "nodes", "periodic", "names", "ends"}
+OF_DYNAMICS = {"inputs", "drift", "gain", "bounds", "velocity", "pieces"}
+ALONE = {"gain": None, "bounds": None}  # without a disturbance
+
+
+def made(changed, **usual):
+    """The problem of what is usual but for what is changed; a grid or dynamics given whole take the place of parts."""
+    given = usual | changed
+    if "velocity" in changed:
+        given |= {"drift": None, "gain": None}
+    grid, dynamics = ({name: given.pop(name) for name in own & given.keys()} for own in (OF_GRID, OF_DYNAMICS))
+    if "grid" not in given:
+        nodes = grid.pop("nodes")
+        given["grid"] = Grid(shape=[nodes] * len(grid["lower"]) if isinstance(nodes, int) else nodes, **grid)
+    if "dynamics" not in given:
+        given["dynamics"] = Dynamics(**dynamics)
+    return ReachAvoidProblem(**given)
 
 
 def near(*place):
@@ -40,53 +58,140 @@ def post(*place, name="post", **given):
     return UnsafeSet(tuple(range(len(place) - 1)), near(*place), name=name, **given)
 
 
+# ---- one axis
+
+
 def line(levels=(-1.0, 0.0, 1.0), push=0.2, **changed):
     """On a line from -4 to 4 m, dx = u + v: to within 1 m of its middle."""
     inputs = np.reshape(levels, (-1, 1))
-    usual = {
-        "grid": Grid([-4.0], [4.0], [81]),
-        "dynamics": Dynamics(inputs, inputs, [[1.0]], [push]),
-        "target": goal(0.0, 1.0),
-        "unsafe": [],
-        "delta": 0.5,
-        "steps": 3,
-    }
-    return ReachAvoidProblem(**usual | changed)
+    return made(
+        changed,
+        **{"lower": [-4.0], "upper": [4.0], "nodes": 81},
+        **{"inputs": inputs, "drift": inputs, "gain": [[1.0]], "bounds": [push]},
+        target=goal(0.0, 1.0),
+        unsafe=[],
+        delta=0.5,
+        steps=3,
+    )
 
+
+def run(**changed):
+    """On a line of 10 m: it stands or moves 1 m in a step, pushed by 0.25 m; a post at 3 m, and a goal at 7 m."""
+    usual = {"lower": [0.0], "upper": [10.0], "nodes": 41, "names": ["x"], "delta": 1.0, "steps": 1}
+    return line((0.0, 1.0), 0.25, **usual | {"target": goal(7.0, 1.1), "unsafe": [post(3.0, 0.4)]} | changed)
+
+
+def interval_problem(*, disturbance=0.2, rate=0.0, wall=3.0, unsafe=True, **changed):
+    """The line, between walls, with something unsafe at x >= wall + rate t.
+
+    With n steps to go the tube is [-1 - n (1 - disturbance) delta, ...] as long as the target is wider than what the
+    disturbance spreads in a step (2 * 0.2 * 0.5 = 0.2 < 2), cut where the wall may be touched.
+    """
+    part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], name="wall")
+    return line(push=disturbance, unsafe=(part,) if unsafe else (), **{"ends": "wall", "steps": 5} | changed)
+
+
+def ring(*, rate=0.0, **changed):
+    """32 nodes, 0.5 apart; u moves the state by 4 nodes and v by one; a target around 4, something unsafe around 10."""
+
+    def around(centre):
+        return lambda p, t: np.abs((p[:, 0] - centre - rate * t + 8) % 16 - 8)
+
+    usual = {"lower": [0.0], "upper": [16.0], "nodes": 32, "periodic": [True], "delta": 1.0, "steps": 5}
+    usual["target"] = TargetSet((0,), lambda p, t: around(4.0)(p, t) - 2.0)
+    usual["unsafe"] = [UnsafeSet((0,), lambda p, t: around(10.0)(p, t) - 1.0, name="rock")]
+    return line((-2.0, 0.0, 2.0), 0.5, **usual | changed)
+
+
+# ---- two axes
 
 STEPS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 
 
 def plane(moves=STEPS, push=0.1, *, gain=((1.0, 0.0), (0.0, 1.0)), **changed):
     """In the plane, from -2 to 2 m, dq = u + v: to within 0.5 m of (1, 0)."""
-    usual = {
-        "grid": Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
-        "dynamics": Dynamics(moves, moves, gain, np.broadcast_to(push, np.shape(gain)[1])),
-        "target": goal(1.0, 0.0, 0.5),
-        "unsafe": [],
-        "delta": 0.3,
-        "steps": 3,
-    }
-    return ReachAvoidProblem(**usual | changed)
+    return made(
+        changed,
+        **{"lower": [-2.0, -2.0], "upper": [2.0, 2.0], "nodes": 41},
+        **{"inputs": moves, "drift": moves, "gain": gain},
+        bounds=np.broadcast_to(push, np.shape(gain)[1] if np.ndim(gain) == 2 else 2),
+        target=goal(1.0, 0.0, 0.5),
+        unsafe=[],
+        delta=0.3,
+        steps=3,
+    )
+
+
+def walk(**changed):
+    """In a room of 4 x 3 m, at 0.5 m/s along the axes, to (3.4, 1.5): the robot of README's recipes."""
+    usual = {"lower": [0.0, 0.0], "upper": [4.0, 3.0], "nodes": [81, 61], "delta": 0.25, "steps": 20}
+    return plane(0.5 * np.array(STEPS), **usual | {"target": goal(3.4, 1.5, 0.4)} | changed)
+
+
+def raft(levels=(-1.0, 0.0, 1.0), push=0.3, *, current=1.0, **changed):
+    """Carried to the right at 1 m/s, it steers up or down, from -1 to 1 m: to stay clear of a disk at (0.5, 0)."""
+    inputs = np.reshape(levels, (-1, 1))
+    usual = {"lower": [-1.0, -1.0], "upper": [1.0, 1.0], "inputs": inputs}
+    usual |= {"drift": np.hstack([np.full(inputs.shape, current), inputs]), "target": None, "delta": 0.4, "steps": 5}
+    return plane(push=push, **usual | {"unsafe": [post(0.5, 0.0, 0.45, name="disk")]} | changed)
+
+
+def torus_problem(**changed):
+    """Two periodic axes, dq = u + v, a moving round target and a round obstacle on a circle path; 9 inputs."""
+    levels = np.array([-2.0, 0.0, 2.0])
+    moves = np.array([(a, b) for a in levels for b in levels])
+
+    def obstacle(p, t):
+        dx, dy = wrapped(p[:, 0] - np.cos(2 * t)), wrapped(p[:, 1] - np.sin(2 * t))
+        return np.hypot(dx, dy) - 0.5
+
+    usual = {"lower": [-np.pi] * 2, "upper": [np.pi] * 2, "nodes": 12, "periodic": [True] * 2, "delta": 0.2}
+    usual["target"] = TargetSet((0, 1), lambda p, t: np.hypot(wrapped(p[:, 0] + 1 - 0.2 * t), wrapped(p[:, 1])) - 0.8)
+    usual["unsafe"] = (UnsafeSet((0, 1), obstacle, name="orbiting disk"),)
+    return plane(moves, 0.4, **usual | changed)
+
+
+def between_posts(moves=STEPS, push=0.1, **changed):
+    """On a torus from -1 to 1 m, dq = u + v, between two posts at (0, 0.3) and (0, -0.3): to (0.5, 0)."""
+
+    def posts(p, t):
+        return np.minimum(np.hypot(p[:, 0], p[:, 1] - 0.3), np.hypot(p[:, 0], p[:, 1] + 0.3)) - 0.15
+
+    usual = {"lower": [-1.0] * 2, "upper": [1.0] * 2, "nodes": 61, "periodic": [True] * 2, "delta": 0.1, "steps": 10}
+    usual |= {"target": goal(0.5, 0.0, 0.25), "unsafe": [UnsafeSet((0, 1), posts, name="posts")]}
+    return plane(moves, push, **usual | changed)
 
 
 def cart(pushes=(-3.0, 0.0, 3.0), gust=0.2, **changed):
     """On a rail from -1 to 1 m, dx = v, dv = u + w: to stay on it."""
-    usual = {
-        "grid": Grid([-1.0, -2.0], [1.0, 2.0], [41, 41], names=["x", "v"]),
-        "dynamics": Dynamics(
-            np.reshape(pushes, (-1, 1)),
-            lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1),
-            [[0.0], [1.0]],
-            [gust],
-        ),
-        "target": None,
-        "unsafe": [],
-        "delta": 0.1,
-        "steps": None,
-    }
-    return ReachAvoidProblem(**usual | changed)
+    return made(
+        changed,
+        **{"lower": [-1.0, -2.0], "upper": [1.0, 2.0], "nodes": 41, "names": ["x", "v"]},
+        inputs=np.reshape(pushes, (-1, 1)),
+        drift=lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1),
+        gain=[[0.0], [1.0]],
+        bounds=[gust],
+        target=None,
+        unsafe=[],
+        delta=0.1,
+        steps=None,
+    )
 
+
+def pursued_on_a_line(**changed):
+    """A robot that is driven along one axis, and a pursuer that the adversary moves along another."""
+    return made(
+        changed,
+        **{"lower": [-2.0, -1.0], "upper": [2.0, 1.0], "nodes": [41, 21], "names": ["robot", "pursuer"]},
+        **{"inputs": [[-1.0], [1.0]], "drift": [[-1.0, 0.0], [1.0, 0.0]], "gain": [[0.0], [1.0]], "bounds": [0.2]},
+        target=goal(0.0, 0.4),
+        unsafe=[],
+        delta=0.3,
+        steps=4,
+    )
+
+
+# ---- three axes
 
 INPUTS = tuple((speed, turn) for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0))
 
@@ -97,143 +202,140 @@ def car(inputs=INPUTS, bound=0.1, *, speed=1.0, **changed):
     def drift(q, u):
         return np.stack([speed * u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
 
-    usual = {
-        "grid": Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], [41, 41, 32], [False, False, True]),
-        "dynamics": Dynamics(inputs, drift, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], [bound, bound]),
-        "target": goal(1.2, 0.8, 0.4),
-        "unsafe": [post(0.0, 0.0, 0.4)],
-        "delta": 0.25,
-        "steps": 4,
-    }
-    return ReachAvoidProblem(**usual | changed)
-
-
-def pursued_on_a_line(**changed):
-    """A robot that is driven along one axis, and a pursuer that the adversary moves along another."""
-    usual = {
-        "grid": Grid([-2.0, -1.0], [2.0, 1.0], [41, 21], names=["robot", "pursuer"]),
-        "dynamics": Dynamics([[-1.0], [1.0]], [[-1.0, 0.0], [1.0, 0.0]], [[0.0], [1.0]], [0.2]),
-        "target": goal(0.0, 0.4),
-        "unsafe": [],
-        "delta": 0.3,
-        "steps": 4,
-    }
-    return ReachAvoidProblem(**usual | changed)
-
-
-def run(**changed):
-    """On a line of 10 m: it stands or moves 1 m in a step, pushed by 0.25 m; a post at 3 m, and a goal at 7 m."""
-    usual = {
-        "grid": Grid([0.0], [10.0], [41], names=["x"]),
-        "target": goal(7.0, 1.1),
-        "unsafe": [post(3.0, 0.4)],
-        "delta": 1.0,
-        "steps": 1,
-    }
-    return line((0.0, 1.0), 0.25, **usual | changed)
-
-
-def walk(**changed):
-    """In a room of 4 x 3 m, at 0.5 m/s along the axes, to (3.4, 1.5): the robot of README's recipes."""
-    usual = {
-        "grid": Grid([0.0, 0.0], [4.0, 3.0], [81, 61]),
-        "target": goal(3.4, 1.5, 0.4),
-        "delta": 0.25,
-        "steps": 20,
-    }
-    return plane(0.5 * np.array(STEPS), **usual | changed)
-
-
-# ---- single robots
-
-
-def interval_problem(
-    *, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True, ends="wall"
-):
-    """One axis, dq = u + v: u in {-1, 0, 1}, |v| <= disturbance, delta = 0.5; target |q| <= 1;
-    unsafe q >= wall + rate t.
-
-    With n steps to go the tube is [-1 - n (1 - disturbance) delta, ...] as long as the target is wider than what the
-    disturbance spreads in a step (2 * 0.2 * 0.5 = 0.2 < 2), cut where the wall may be touched.
-    """
-    part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], name="wall")
-    return line(
-        push=disturbance,
-        grid=Grid([-4.0], [4.0], [nodes], ends=ends),
-        unsafe=(part,) if unsafe else (),
-        steps=steps,
-        view_time=view_time,
+    return made(
+        changed,
+        **{"lower": [-2.0, -2.0, -np.pi], "upper": [2.0, 2.0, np.pi], "nodes": [41, 41, 32]},
+        **{"periodic": [False, False, True], "inputs": inputs, "drift": drift},
+        **{"gain": [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], "bounds": [bound, bound]},
+        target=goal(1.2, 0.8, 0.4),
+        unsafe=[post(0.0, 0.0, 0.4)],
+        delta=0.25,
+        steps=4,
     )
 
 
-def unicycle_problem(*, nodes=(17, 17, 16), steps=3):
-    """Dubins car: dx = cos th + v1, dy = sin th + v2, dth = u: a drift that depends on the state, on three axes."""
+def unicycle_problem(turns=(-2.0, 0.0, 2.0), **changed):
+    """Dubins' car between walls, at 1 m/s: to within 0.5 m of the middle."""
 
-    def drift(points, u):
-        theta = points[:, 2]
-        return np.stack([np.cos(theta), np.sin(theta), np.full(len(points), u[0])], axis=1)
+    def drift(q, u):
+        return np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1)
 
-    dynamics = Dynamics([[-2.0], [0.0], [2.0]], drift, np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), [0.1, 0.1])
-    return ReachAvoidProblem(
-        Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], nodes, [False, False, True], ["x", "y", "theta"], "wall"),
-        dynamics,
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
-        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.8, p[:, 1]) - 0.2, name="pillar"),),
-        0.2,
-        steps,
+    usual = {"lower": [-1.5, -1.5, -np.pi], "upper": [1.5, 1.5, np.pi], "nodes": (17, 17, 16), "ends": "wall"}
+    usual |= {"names": ["x", "y", "theta"], "drift": drift, "delta": 0.2, "steps": 3}
+    usual |= {"target": goal(0.0, 0.0, 0.5), "unsafe": (post(0.8, 0.0, 0.2, name="pillar"),)}
+    return car(np.reshape(turns, (-1, 1)), **usual | changed)
+
+
+def chase(*, rate=0.0, **changed):
+    """x is driven, the adversary moves y and z; unsafe near (y, z) = (x, rate t), so all axes matter; to x near 1."""
+
+    def ball(p, t):
+        return np.sqrt((p[:, 0] - p[:, 1]) ** 2 + (p[:, 2] - rate * t) ** 2) - 0.6
+
+    return made(
+        changed,
+        **{"lower": [-2.0, -1.5, -1.5], "upper": [2.0, 1.5, 1.5], "nodes": 15, "names": ["x", "y", "z"]},
+        **{"inputs": [[-2.0], [0.0], [2.0]], "drift": [[-2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]},
+        **{"gain": np.eye(3), "bounds": [0.1, 0.3, 0.3]},
+        target=goal(1.0, 0.5),
+        unsafe=(UnsafeSet((0, 1, 2), ball, name="ball"),),
+        delta=0.25,
+        steps=3,
     )
 
 
-def torus_problem(*, nodes=12, steps=3, view_time="swept"):
-    """Two periodic axes, dq = u + v, a moving round target and a round obstacle on a circle path; 9 inputs."""
-    levels = np.array([-2.0, 0.0, 2.0])
-    inputs = np.array([(a, b) for a in levels for b in levels])
+# ---- four axes and more
 
-    def obstacle(p, t):
-        dx, dy = wrapped(p[:, 0] - np.cos(2 * t)), wrapped(p[:, 1] - np.sin(2 * t))
-        return np.hypot(dx, dy) - 0.5
 
-    return ReachAvoidProblem(
-        Grid([-np.pi, -np.pi], [np.pi, np.pi], [nodes, nodes], [True, True]),
-        Dynamics(inputs, inputs, np.eye(2), [0.4, 0.4]),
-        TargetSet((0, 1), lambda p, t: np.hypot(wrapped(p[:, 0] + 1 - 0.2 * t), wrapped(p[:, 1])) - 0.8),
-        (UnsafeSet((0, 1), obstacle, name="orbiting disk"),),
-        0.2,
-        steps,
-        view_time,
+def chain(**changed):
+    """dx = y, dy = u + v, dz = x, dw = w: (x, y) is the least set that holds x and moves alone."""
+
+    def drift(q, u):
+        x, y, _, w = q.T
+        return np.stack([y, np.full(len(q), u[0]), x, w], axis=1)
+
+    return made(
+        changed,
+        **{"lower": [-1.0] * 4, "upper": [1.0] * 4, "nodes": (9, 8, 7, 6)},
+        **{"inputs": [[-1.0], [1.0]], "drift": drift, "gain": np.eye(4)[:, 1:2], "bounds": [0.2]},
+        target=goal(0.0, 0.4),
+        unsafe=(UnsafeSet((0,), lambda p, t: 0.8 - p[:, 0], name="wall"),),
+        delta=0.2,
+        steps=2,
     )
 
+
+def chased(**changed):
+    """Five axes: a car with its heading, and a pursuer that moves along two axes."""
+
+    def drift(q, u):
+        still = np.zeros(len(q))
+        return np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0]), still, still], axis=1)
+
+    gain = np.zeros((5, 4))
+    gain[[0, 1, 3, 4], range(4)] = 1.0
+    apart = lambda p, t: np.hypot(p[:, 0] - p[:, 2], p[:, 1] - p[:, 3]) - 0.35  # noqa: E731
+    return made(
+        changed,
+        **{"lower": [-1.5, -1.5, -np.pi, -1.0, -1.0], "upper": [1.5, 1.5, np.pi, 1.0, 1.0], "nodes": [7, 7, 8, 6, 6]},
+        **{"periodic": [False, False, True, False, False], "names": ["x", "y", "theta", "px", "py"]},
+        ends=["unsafe", ("unsafe", "wall"), "wall", "wall", "wall"],
+        **{"inputs": [[-2.0], [0.0], [2.0]], "drift": drift, "gain": gain, "bounds": [0.1, 0.1, 0.2, 0.2]},
+        target=goal(0.0, 0.0, 0.7),
+        unsafe=[UnsafeSet((0, 1, 3, 4), apart, name="pursuer")],
+        delta=0.2,
+        steps=2,
+    )
+
+
+def six(**changed):
+    """Six axes, two of them periodic: rates that follow inputs, and angles and places that follow rates."""
+
+    def drift(q, u):
+        still = np.zeros(len(q))
+        return np.stack(
+            [q[:, 3] * np.cos(q[:, 2]), q[:, 3] * np.sin(q[:, 2]), q[:, 4], still + u[0], still + u[1], still], 1
+        )
+
+    gain = np.zeros((6, 2))
+    gain[[3, 5], range(2)] = 1.0
+    apart = lambda p, t: np.abs(p[:, 0] - 0.4 * np.cos(p[:, 1])) - 0.2  # noqa: E731
+    return made(
+        changed,
+        **{"lower": [-1, -1, -np.pi, -1, -2, -np.pi], "upper": [1, 1, np.pi, 1, 2, np.pi], "nodes": [6, 5, 6, 5, 5, 6]},
+        periodic=np.arange(6) % 3 == 2,
+        **{"inputs": [[-1.0, 2.0], [0.0, -2.0], [1.0, 0.0]], "drift": drift, "gain": gain, "bounds": [0.1, 0.2]},
+        target=goal(0.0, 0.0, 0.6),
+        unsafe=[UnsafeSet((0, 5), apart, name="gate")],
+        delta=0.2,
+        steps=2,
+    )
+
+
+# ---- with an error of the direction, which enters nonlinearly
 
 PIECES, ERROR = 4, 0.6  # of what a compass may be off by, rad
+COURSES = np.pi / 4 * np.arange(8)
+WAYS = np.vstack([np.zeros((1, 2)), 0.8 * np.stack([np.cos(COURSES), np.sin(COURSES)], axis=1)])
 
 
-def misled_problem(*, nodes=21, steps=3):
-    """Two periodic axes, and a command that is played in a direction which is off by v: nonlinear, and in both axes."""
-    courses = np.pi / 4 * np.arange(8)
-    inputs = np.vstack([np.zeros((1, 2)), 0.8 * np.stack([np.cos(courses), np.sin(courses)], axis=1)])
-
-    def velocity(q, u, v):
-        return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
-
-    return ReachAvoidProblem(
-        Grid([-1.0, -1.0], [1.0, 1.0], [nodes, nodes], [True, True]),
-        Dynamics(inputs, velocity=velocity, bounds=[ERROR], pieces=PIECES),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5, p[:, 1]) - 0.3),
-        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 0.3) - 0.15, name="post"),),
-        0.2,
-        steps,
-    )
+def turned(q, u, v):
+    """A command in a direction that is off by v."""
+    return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
 
 
-def misled_car_problem(*, nodes=(17, 17, 16), steps=2):
+def misled(**changed):
+    """Between the posts with a compass that is wrong: v enters nonlinearly, and moves both axes."""
+    return between_posts(**{"inputs": WAYS, "velocity": turned, "bounds": [ERROR]} | changed)
+
+
+def misled_car(**changed):
     """The unicycle between walls, whose wheels are askew by v."""
 
     def velocity(q, u, v):
         return np.stack([np.cos(q[:, 2] + v[0]), np.sin(q[:, 2] + v[0]), np.full(len(q), u[0])], axis=1)
 
-    problem = unicycle_problem(nodes=nodes, steps=steps)
-    dynamics = Dynamics(problem.inputs, velocity=velocity, bounds=[ERROR], pieces=PIECES)
-    return replace(problem, dynamics=dynamics)
+    return unicycle_problem(**{"velocity": velocity, "bounds": [ERROR], "steps": 2} | changed)
 
 
 def misled_velocities(q, u):

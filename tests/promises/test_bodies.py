@@ -4,6 +4,7 @@ import naive_bodies as naive
 import numpy as np
 import pytest
 import shapely
+import zoo
 from naive_maps import to_polygon
 from parameters import but_slow
 
@@ -149,19 +150,16 @@ def test_what_is_no_footprint_is_refused():
 
 def corridor():
     """A robot of 1.2 m by .5 m, its wheels .3 m behind its middle, in a corridor of 1 m that opens into a room."""
-    inputs = np.array([[v, w] for v in (-0.5, 0.0, 0.5) for w in (-0.8, 0.0, 0.8)])
     room = [[0, 1], [3, 1], [3, 0], [6, 0], [6, 3], [3, 3], [3, 2], [0, 2]]
-
-    def drift(q, u):
-        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
 
     def goal(q, t):  # in the corridor, looking out
         ahead = 1.5 * (np.cos(0.35) - np.cos(q[:, 2]))
         return np.maximum(np.maximum(np.abs(q[:, 0] - 1.2) - 0.4, np.abs(q[:, 1] - 1.5) - 0.15), ahead)
 
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([0, 0, -np.pi], [6, 3, np.pi], (61, 31, 48), periodic=[False, False, True]),
-        dynamics=sdhj.Dynamics(inputs, drift, gain=[[1, 0], [0, 1], [0, 0]], bounds=[0.01, 0.01]),
+    return zoo.car(
+        [(v, w) for v in (-0.5, 0.0, 0.5) for w in (-0.8, 0.0, 0.8)],
+        0.01,
+        **{"lower": [0, 0, -np.pi], "upper": [6, 3, np.pi], "nodes": (61, 31, 48)},
         target=sdhj.TargetSet((0, 1, 2), goal),
         unsafe=[UnsafeSet.polygon(room, (0, 1, 2), footprint=ROBOT, outside=True, name="walls")],
         delta=0.4,

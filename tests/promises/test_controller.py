@@ -64,8 +64,8 @@ def tables() -> dict[str, LookupTable]:
         "unicycle": solved(zoo.unicycle_problem(nodes=(9, 9, 8), steps=2), "hji"),
         "arm": solved(sdhj.arm_case_study(nodes=9, steps=3), "hji"),
         "coupled": solved(coupled_problem(), "hji"),
-        "misled": solved(zoo.misled_problem(), "hji"),
-        "misled car": solved(zoo.misled_car_problem(), "hji"),
+        "misled": solved(zoo.misled(nodes=21, delta=0.2, steps=3, pieces=zoo.PIECES), "hji"),
+        "misled car": solved(zoo.misled_car(pieces=zoo.PIECES), "hji"),
     }
 
 
@@ -686,19 +686,7 @@ def test_a_batch_keeps_its_states() -> None:
 
 def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
     """So many corners are looked at that a block of states is one of them, each with inputs that lead elsewhere."""
-    lower, upper = [-1.0] * 6, [1.0] * 6
-
-    def drift(q, u):
-        return np.stack([q[:, 3], q[:, 4], q[:, 5], u[0] - 0.5 * q[:, 0], u[1] - q[:, 1], -0.5 * q[:, 2]], axis=1)
-
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid(lower, upper, [5] * 6),
-        sdhj.Dynamics([[-2.0, 0.0], [0.0, 1.0], [2.0, 0.0]], drift, np.eye(6)[:, 3:5], [0.3, 0.1]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.8),
-        [],
-        0.3,
-        1,
-    )
+    problem = zoo.six(nodes=5, unsafe=[], steps=1)
     nothing = AvoidTubes((), np.full(3, -np.inf, np.float32), (), np.full((1, 3), -np.inf, np.float32))
     table = zoo.empty_table(problem, nothing)
     for step, within in ((0, 0), (1, 0), (0, 1)):
@@ -706,7 +694,7 @@ def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
         table.value_array(step, within)[:] = np.minimum(Samples(problem).goal(step), noise)
         table.mark_array(step, within)[:] = rng.integers(0, 8, table.mark_array(step, within).shape)
     read_only((table.index, table.tubes, table.marks))
-    states = rng.uniform(lower, upper, (60, 6))
+    states = rng.uniform(problem.grid.lower, problem.grid.upper, (60, 6))
     together, alone = table.batch(states, 0), [table.batch(one[None], 0) for one in states]
     assert (together.steps_to_go >= 0).sum() > 10
     for field in ("steps_to_go", "safe", "margins", "best"):
@@ -723,13 +711,8 @@ def test_each_corner_of_what_the_last_input_leads_to_is_in_the_target(corner):
         whole = np.abs(p).max(axis=1) - 1.0
         return whole if hole is None else np.maximum(whole, 0.02 - np.abs(p - hole).max(axis=1))
 
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
-        sdhj.Dynamics([[1.0]], [[1.0, 0.0]], np.eye(2), [2 * push, 2 * push]),
-        sdhj.TargetSet((0, 1), level_set),
-        [],
-        delta=0.5,
-        steps=1,
+    problem = zoo.plane(
+        [[1.0]], 2 * push, drift=[[1.0, 0.0]], target=sdhj.TargetSet((0, 1), level_set), delta=0.5, steps=1
     )
     controller = sdhj.Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), play=False))
     state = ends - np.array([0.5, 0.0])
@@ -749,11 +732,12 @@ def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met, ben
     def flying(p, t):
         return np.maximum(np.abs(p - there).max(axis=1) - 0.015, np.abs(t - when) - 0.02)
 
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
-        sdhj.Dynamics([[1.0]], lambda q, u: np.stack([u[0] + 0.0 * q[:, 0], bend * (q[:, 0] + 1.23)], axis=1)),
-        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
-        [sdhj.UnsafeSet((0, 1), flying, name="what flies by")],
+    problem = zoo.plane(
+        [[1.0]],
+        drift=lambda q, u: np.stack([u[0] + 0.0 * q[:, 0], bend * (q[:, 0] + 1.23)], axis=1),
+        **zoo.ALONE,
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
+        unsafe=[sdhj.UnsafeSet((0, 1), flying, name="what flies by")],
         delta=0.5,
         steps=1,
     )
@@ -769,11 +753,11 @@ def test_a_state_where_an_input_is_forbidden_is_not_lost(forbids):
     small = sdhj.UnsafeSet(
         (0, 1), lambda p, t: np.abs(p - state).max(axis=1) - 0.015, inputs=None if forbids is None else [forbids]
     )
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
-        sdhj.Dynamics([[1.0], [0.9]], [[1.0, 0.0], [0.9, 0.0]]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
-        [small],
+    problem = zoo.plane(
+        [[1.0, 0.0], [0.9, 0.0]],
+        **zoo.ALONE,
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 1.0),
+        unsafe=[small],
         delta=0.5,
         steps=1,
     )

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from zoo import interval_problem, torus_problem
+from zoo import interval_problem, raft, torus_problem
 
 import sdhj
 from sdhj.problem.sets import ANYWHERE
@@ -21,17 +21,11 @@ SENT = {
 each_way = pytest.mark.parametrize("send", SENT.values(), ids=SENT)
 
 
-def sliding(*, ends="unsafe", steps=5):
-    """Two axes; it slides to the right at 1 m/s +- 0.2, whatever it does on the second axis."""
-    inputs = [[-0.3], [0.0], [0.3]]
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-1, -1], [1, 1], [41, 9], ends=[ends, "wall"]),
-        dynamics=sdhj.Dynamics(inputs, [[1.0, u] for (u,) in inputs], [[1.0], [0.0]], [0.2]),
-        target=None,
-        unsafe=[sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] + 2.0, name="far away")],
-        delta=0.1,
-        steps=steps,
-    )
+def sliding(*, ends="unsafe"):
+    """It slides to the right at 1 m/s +- 0.2, whatever it does on the second axis."""
+    far = sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] + 2.0, name="far away")
+    usual = {"nodes": [41, 9], "ends": [ends, "wall"], "gain": [[1.0], [0.0]], "bounds": [0.2]}
+    return raft((-0.3, 0.0, 0.3), **usual, unsafe=[far], delta=0.1)
 
 
 def black_boxed():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import judge
 import numpy as np
 import pytest
-from zoo import cart, interval_problem, unicycle_problem
+from zoo import ALONE, cart, interval_problem, line, plane, post, unicycle_problem
 
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, TargetSet, UnsafeSet
@@ -127,8 +127,8 @@ def test_the_ends_of_a_subspace_count_in_the_projected_method(rng):
 )
 def test_of_a_current_each_step_has_ends_of_its_own(method, current):
     """Who is carried past an end at an instant of the interval is lost; the current's way is added up, by instants."""
-    problem = sdhj.ReachAvoidProblem(
-        Grid([-1.0], [1.0], [81]), Dynamics([[0.0]], lambda q, u, t: u + current(t) + 0.0 * q), None, [], 0.5, 3
+    problem = line(
+        [0.0], lower=[-1.0], upper=[1.0], drift=lambda q, u, t: u + current(t) + 0.0 * q, target=None, **ALONE
     )
     table = sdhj.solve(problem, method, play=False)
     for step in range(3):
@@ -146,20 +146,21 @@ def test_margins_tell_where_what_an_input_leads_to_is_past_an_end(end, axis, sid
     """Inputs lead 0.1 m on, up to 0.05 m off; past an unsafe end a part is too much, past a safe one all has won."""
     ends = [["wall", "wall"], ["wall", "wall"]]
     ends[axis][int(side > 0)] = end
-    steps = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
-    post = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.5, p[:, 1] + 0.5) - 0.2)
-    problem = sdhj.ReachAvoidProblem(
-        Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=ends),
-        Dynamics(steps, steps, np.eye(2), [0.5] * 2),
-        None,
-        [post],
-        0.1,
-        1,
+    problem = plane(
+        push=0.5,
+        lower=[-1.0, -1.0],
+        upper=[1.0, 1.0],
+        nodes=21,
+        ends=ends,
+        target=None,
+        unsafe=[post(-0.5, -0.5, 0.2)],
+        delta=0.1,
+        steps=1,
     )
     table = sdhj.solve(problem, HJI(), play=False)
     states = np.zeros((5, 2))
     states[:, axis] = side * np.array([0.5, 0.84, 0.86, 0.94, 0.96])
-    told, middle = table.batch(states, 0), np.abs(states[:, axis, None] + 0.1 * steps[:, axis])
+    told, middle = table.batch(states, 0), np.abs(states[:, axis, None] + 0.1 * problem.inputs[:, axis])
     assert told.promised.all()
     np.testing.assert_array_equal(told.margins == np.inf, (middle + 0.05 > 1.0) & (end == "unsafe"))
     np.testing.assert_array_equal(told.margins == -np.inf, (middle - 0.05 > 1.0) & (end == "safe"))

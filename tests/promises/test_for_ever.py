@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.common.findings import ResolutionWarning
@@ -65,21 +66,16 @@ class Plant:
 
 
 def camera(nodes: tuple[int, int] = (83, 61), steps: int | None = None) -> tuple[sdhj.ReachAvoidProblem, Plant]:
-    inputs = [[-264.0], [0.0], [264.0]]
-
-    def drift(q: Any, u: Any) -> Any:
-        return np.stack([q[:, 1], np.full(len(q), u[0])], axis=1)
-
-    problem = sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([48, -600], [1679, 600], nodes, ends=["unsafe", "wall"], names=["pos", "speed"]),
-        dynamics=sdhj.Dynamics(inputs, drift, [[0.0], [1.0]], [20.0]),
-        target=None,
-        unsafe=[],
+    problem = zoo.cart(
+        (-264.0, 0.0, 264.0),
+        20.0,
+        **{"lower": [48, -600], "upper": [1679, 600], "nodes": nodes, "ends": ["unsafe", "wall"]},
         delta=0.02,
         steps=steps,
     )
     ends, walls = ([48, -np.inf], [1679, np.inf]), ([-np.inf, -600.0], [np.inf, 600.0])
-    return problem, Plant(lambda q, u: np.stack([q[:, 1], u[:, 0]], 1), inputs, [0, 1], 20.0, 0.02, ends, walls)
+    rate = lambda q, u: np.stack([q[:, 1], u[:, 0]], 1)  # noqa: E731
+    return problem, Plant(rate, problem.inputs, [0, 1], 20.0, 0.02, ends, walls)
 
 
 def camera_holds(q: Any) -> Any:
@@ -92,21 +88,13 @@ LAG, GUST = 0.3, 0.5
 
 
 def fence() -> tuple[sdhj.ReachAvoidProblem, Plant]:
-    inputs = [[-1.0], [-0.5], [0.0], [0.5], [1.0]]
-
     def drift(q: Any, u: Any) -> Any:
         return np.stack([q[:, 1], (u[0] - q[:, 1]) / LAG], axis=1)
 
-    problem = sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-3.5, -1.3], [3.5, 1.3], [141, 53], names=["x", "v"]),
-        dynamics=sdhj.Dynamics(inputs, drift, [[0.0], [1.0]], [GUST]),
-        target=None,
-        unsafe=[],
-        delta=0.1,
-        steps=None,
-    )
+    grid = {"lower": [-3.5, -1.3], "upper": [3.5, 1.3], "nodes": [141, 53]}
+    problem = zoo.cart((-1.0, -0.5, 0.0, 0.5, 1.0), GUST, drift=drift, **grid)
     rate = lambda q, u: np.stack([q[:, 1], (u[:, 0] - q[:, 1]) / LAG], axis=1)  # noqa: E731
-    return problem, Plant(rate, inputs, [0, 1], GUST, 0.1, ([-3.5, -1.3], [3.5, 1.3]))
+    return problem, Plant(rate, problem.inputs, [0, 1], GUST, 0.1, ([-3.5, -1.3], [3.5, 1.3]))
 
 
 def fence_holds(q: Any) -> Any:
@@ -122,17 +110,17 @@ def fence_holds(q: Any) -> Any:
 
 def pumps(sensing: Any = None) -> tuple[sdhj.ReachAvoidProblem, Plant]:
     """Inflow 0 to 6 %/min, two pumps of 4 %/min: off never lets it fall, both never let it rise."""
-    inputs = [[0.0], [1.0], [2.0]]
-    problem = sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([5], [95], [91], names=["level"]),
-        dynamics=sdhj.Dynamics(inputs, lambda q, u: np.full((len(q), 1), 3.0 - 4.0 * u[0]), [[1.0]], [3.0]),
+    problem = zoo.line(
+        (0.0, 1.0, 2.0),
+        3.0,
+        drift=lambda q, u: np.full((len(q), 1), 3.0 - 4.0 * u[0]),
+        **{"lower": [5], "upper": [95], "nodes": 91, "names": ["level"]},
         target=None,
-        unsafe=[],
         delta=1 / 6,
         steps=None,
         sensing=sensing or sdhj.Sensing(),
     )
-    return problem, Plant(lambda q, u: 3 - 4 * u, inputs, [1], 3.0, 1 / 6, ([5], [95]))
+    return problem, Plant(lambda q, u: 3 - 4 * u, problem.inputs, [1], 3.0, 1 / 6, ([5], [95]))
 
 
 def drawn(problem: sdhj.ReachAvoidProblem, count: int, rng: np.random.Generator) -> Any:

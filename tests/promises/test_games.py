@@ -8,7 +8,7 @@ import pytest
 import zoo
 from parameters import but_slow
 from plain import run_plainly
-from zoo import ends_of, interval_problem, torus_problem, unicycle_problem
+from zoo import chain, ends_of, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
@@ -149,30 +149,12 @@ def test_avoid_games_of_a_car_take_all_axes():
     assert (tube >= (-pillar).astype(tube.dtype)).all()  # whoever starts in the pillar has lost
 
 
-def chained_problem(nodes=(9, 8, 7, 6)):
-    """dx = y, dy = u + v, dz = x, dw = w: (x, y) is the least set that holds x and moves alone."""
-
-    def drift(points, u):
-        x, y, _, w = points.T
-        return np.stack([y, np.full(len(points), u[0]), x, w], axis=1)
-
-    inputs = np.array([[-1.0], [1.0]])
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.0] * 4, [1.0] * 4, nodes),
-        Dynamics(inputs, drift, np.eye(4)[:, 1:2], [0.2]),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4),
-        (sdhj.UnsafeSet((0,), lambda p, t: 0.8 - p[:, 0], name="wall"),),
-        0.2,
-        2,
-    )
-
-
 @pytest.mark.parametrize(
     ("axes", "closed"),
     [((0,), (0, 1)), ((1,), (1,)), ((2,), (0, 1, 2)), ((3,), (3,)), ((2, 3), (0, 1, 2, 3)), ((1, 3), (1, 3))],
 )
 def test_the_smallest_axes_that_move_alone(axes, closed):
-    problem = chained_problem()
+    problem = chain()
     assert problem.interval(0).self_contained(axes) == closed
     part = sdhj.UnsafeSet(axes, lambda p, t: p[:, 0] + 9.0)
     assert Samples(problem).avoid_axes(part.axes) == closed
@@ -182,7 +164,7 @@ def test_the_smallest_axes_that_move_alone(axes, closed):
 def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them(monkeypatch):
     """What the other coordinates do cannot be seen in the tubes; with as many time steps the numbers are the same."""
     run_plainly(monkeypatch)
-    problem = chained_problem((7, 6, 5, 5))
+    problem = chain(nodes=(7, 6, 5, 5))
     games, steps = HJIGames(Samples(problem), Scheme(dtype="float64")), 8
     monkeypatch.setattr(HJIGames, "steps", lambda self, axes, step: steps)
     small = games.avoid(problem.unsafe[0], 0)

@@ -6,38 +6,12 @@ import naive_zonotopes
 import numpy as np
 import pytest
 import zoo
+from zoo import ERROR, WAYS, misled, turned
 
 import sdhj
 from sdhj.common.remembering import read_only
 from sdhj.problem import interval as interval_module
 from sdhj.table.table import AvoidTubes
-
-COURSES = np.pi / 4 * np.arange(8)
-WAYS = np.vstack([np.zeros((1, 2)), 0.8 * np.stack([np.cos(COURSES), np.sin(COURSES)], axis=1)])
-ERROR = 0.6  # rad
-
-
-def turned(q, u, v):
-    """A command in a direction that is off by v."""
-    return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
-
-
-def misled(nodes=61, *, velocity=turned, bounds=(ERROR,), ways=WAYS, **more):
-    """A point on a torus between two posts, whose compass is wrong."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [nodes, nodes], periodic=[True, True]),
-        sdhj.Dynamics(ways, velocity=velocity, bounds=bounds, **more),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5, p[:, 1]) - 0.25),
-        [
-            sdhj.UnsafeSet(
-                (0, 1),
-                lambda p, t: np.minimum(np.hypot(p[:, 0], p[:, 1] - 0.3), np.hypot(p[:, 0], p[:, 1] + 0.3)) - 0.15,
-                name="posts",
-            )
-        ],
-        0.1,
-        10,
-    )
 
 
 def share(problem, method="hji"):
@@ -58,21 +32,21 @@ def test_pieces_converge_to_brute_force():
     sets = [hull_of_arc(way) if way.any() else (np.zeros((1, 2)),) * 2 for way in WAYS]
     disks, target = [(0.0, 0.3, 0.15), (0.0, -0.3, 0.15)], lambda p: np.hypot(p[:, 0] - 0.5, p[:, 1]) - 0.25
     true = naive_zonotopes.shares_of(*given, sets, disks, target, 10)[-1]
-    found = {pieces: share(misled(41, pieces=pieces)) for pieces in (1, 2, 4, 8, 32)}
+    found = {pieces: share(misled(nodes=41, pieces=pieces)) for pieces in (1, 2, 4, 8, 32)}
     assert found[1] < 0.6 * true and found[32] == pytest.approx(true, rel=0.04)  # differences on 41 nodes lose 3.4 %
     for pieces in (2, 4, 8):
         assert found[32] - found[pieces] < 0.55 * (found[32] - found[pieces // 2])
-    assert share(misled(41)) == found[8]
+    assert share(misled(nodes=41)) == found[8]
 
 
 def test_eight_pieces_win_what_finer_grids_do_not():
-    assert share(misled(121)) >= 0.33
-    assert share(misled(121, pieces=1)) < 0.2
+    assert share(misled(nodes=121)) >= 0.33
+    assert share(misled(nodes=121, pieces=1)) < 0.2
 
 
 def test_boxes_of_pieces_equal_the_slow_twin(rng):
     """Each piece has the box of its own arc; the Hamiltonian is the most of theirs, and never below the true one."""
-    problem, cut = misled(11), np.linspace(-ERROR, ERROR, 9)
+    problem, cut = misled(nodes=11), np.linspace(-ERROR, ERROR, 9)
     for j, way in enumerate(WAYS):
         field = problem.interval(0).velocities(j, (0, 1))
         assert field.coupled and field.drift.shape[:2] == (8, 2)
@@ -97,20 +71,20 @@ def test_what_moves_one_axis_or_enters_linearly_is_one_piece():
     assert misled(velocity=line, bounds=[0.1]).dynamics.pieces_of_components((0, 1)) == (1,)
     assert misled(velocity=mixed, bounds=[0.1, 0.1], pieces=5).dynamics.pieces_of_components((0, 1)) == (5, 1)
     assert misled().dynamics.pieces_of_components((0,)) == (1,)
-    one, many = (misled(21, velocity=apart, bounds=[0.1, 0.1], pieces=pieces) for pieces in (1, 8))
+    one, many = (misled(nodes=21, velocity=apart, bounds=[0.1, 0.1], pieces=pieces) for pieces in (1, 8))
     assert one.digest == many.digest
     tables = [sdhj.solve(problem, progress=False, play=False) for problem in (one, many)]
     np.testing.assert_array_equal(*(table.values(start=0, within=10) for table in tables))
 
 
 def test_pieces_are_kept_in_files_and_told_apart(tmp_path):
-    table = sdhj.solve(misled(15, pieces=3), progress=False, play=False)
+    table = sdhj.solve(misled(nodes=15, pieces=3), progress=False, play=False)
     table.save(tmp_path / "t.npz")
     loaded = sdhj.load(tmp_path / "t.npz")
     assert loaded.problem.dynamics.pieces == 3 and loaded.problem.digest == table.problem.digest
-    assert misled(15).digest != table.problem.digest
+    assert misled(nodes=15).digest != table.problem.digest
     with pytest.raises(ValueError, match="3 there and 8"):
-        sdhj.load(tmp_path / "t.npz", problem=misled(15))
+        sdhj.load(tmp_path / "t.npz", problem=misled(nodes=15))
     again = sdhj.solve(loaded.problem, progress=False, play=False)
     np.testing.assert_array_equal(again.values(start=0), table.values(start=0))
 
@@ -118,7 +92,7 @@ def test_pieces_are_kept_in_files_and_told_apart(tmp_path):
 def test_memory_is_stated_before(monkeypatch):
     asked = []
     monkeypatch.setattr(interval_module, "require_memory", lambda many, what: asked.append((many, what)))
-    misled(21).interval(0).velocities(1, (0, 1))
+    misled(nodes=21).interval(0).velocities(1, (0, 1))
     assert asked == [(8 * 8 * 2 * 5 * 21 * 21, "velocities of 8 pieces of v")]
 
 
@@ -129,7 +103,7 @@ def test_numbers_of_pieces_are_checked(pieces):
 
 
 def test_lax_keeps_the_box():
-    assert share(misled(41), "lax") < 0.6 * share(misled(41))
+    assert share(misled(nodes=41), "lax") < 0.6 * share(misled(nodes=41))
 
 
 # ---- what the controller sees
@@ -189,7 +163,7 @@ def test_a_mean_of_two_directions_counts():
     """Who turns v halfway ends on a chord, in no piece's box: what is high there alone is seen."""
     low, high = boxes_of_pieces(WAYS[1])
     chord = hull_of_arc(WAYS[1])[1][[0, -1]].mean(axis=0)
-    problem = replace(misled(401, ways=WAYS[1:2]), unsafe=(), steps=1)
+    problem = replace(misled(nodes=401, inputs=WAYS[1:2]), unsafe=(), steps=1)
     grid, q = problem.grid, np.array([0.1, 0.0])
     near = np.abs(grid.points() - q - chord).max(axis=1).reshape(grid.shape) < 0.6 * grid.spacing[0]
     assert near.any() and not ((low - grid.spacing <= chord) & (chord <= high + grid.spacing)).all(axis=1).any()
@@ -226,7 +200,7 @@ def test_reachable_states_are_the_hull(compass):
 
 def test_at_a_wall_the_box_is_seen(compass):
     """Who is held by a wall while v turns ends outside the hull: near one the margin is that of the box."""
-    held = replace(misled(61), grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [61, 61], ends=["wall", "unsafe"]))
+    held = replace(misled(nodes=61), grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [61, 61], ends=["wall", "unsafe"]))
     table = sdhj.solve(held, progress=False, play=False)
     low, high = table.problem.interval(0).reachable_boxes(np.zeros((1, 2)))
     grid = held.grid
@@ -242,7 +216,7 @@ def test_at_a_wall_the_box_is_seen(compass):
 
 
 def test_with_one_piece_margins_are_boxes():
-    problem = misled(21, pieces=1)
+    problem = misled(nodes=21, pieces=1)
     assert problem.interval(0).normals.shape == (0, 2)
     assert len(problem.interval(0).displacement_sets(np.zeros((1, 2)))) == 4
 
@@ -282,16 +256,15 @@ def test_margins_of_a_car_that_turns_are_those_halfway() -> None:
     With the velocities at the begin of an interval alone, margins were .19 cells too low.
     """
 
-    def velocity(q, u, v):
-        return np.stack([np.cos(q[:, 2] + v[0]), np.sin(q[:, 2] + v[0]), u[0] + 0 * q[:, 2]], axis=1)
-
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1, -1, -np.pi], [1, 1, np.pi], [21, 21, 20], [False, False, True]),
-        sdhj.Dynamics([[-2.0], [0.0], [2.0]], velocity=velocity, bounds=[0.5]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.3, p[:, 1]) - 0.5),
-        [],
-        0.25,
-        2,
+    problem = zoo.misled_car(
+        lower=[-1, -1, -np.pi],
+        upper=[1, 1, np.pi],
+        nodes=[21, 21, 20],
+        ends="unsafe",
+        bounds=[0.5],
+        target=zoo.goal(0.3, 0.0, 0.5),
+        unsafe=[],
+        delta=0.25,
     )
     table, rng = sdhj.solve(problem, progress=False, play=False), np.random.default_rng(0)
     states = rng.uniform([-0.7, -0.7, -np.pi], [0.7, 0.7, np.pi], (2000, 3))

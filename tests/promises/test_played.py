@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fleet import FLEET
-from zoo import car, goal, interval_problem, post, torus_problem, unicycle_problem
+from zoo import ALONE, car, chase, goal, interval_problem, post, torus_problem, unicycle_problem
 
 import sdhj
 import sdhj.simulation.played
@@ -99,9 +99,13 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
 @pytest.mark.parametrize("shape", [(100, 100, 5), (142, 142, 5)])
 def test_an_empty_tube_is_looked_into_at_states_of_all_axes(solves_are_played: None, shape: tuple[int, ...]) -> None:
     """All is carried out of the box at 1 m/s; but for the lowest layer and the last 0.1 m, one interval is clear."""
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0, 0.0, 0.0], [4.0, 4.0, 4.0], shape),
-        sdhj.Dynamics([[0.0]], [[1.0, 0.0, 0.0]]),
+    problem = chase(
+        lower=[0.0] * 3,
+        upper=[4.0] * 3,
+        nodes=shape,
+        inputs=[[0.0]],
+        drift=[[1.0, 0.0, 0.0]],
+        **ALONE,
         target=None,
         unsafe=[UnsafeSet((2,), lambda p, t: p[:, 0] - 0.5, name="low")],
         delta=0.1,

@@ -12,7 +12,7 @@ from plain import run_plainly
 from zoo import ends_of
 
 import sdhj
-from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, Scheme, TargetSet, UnsafeSet
 from sdhj.common.findings import ProjectionWarning
 from sdhj.problem.samples import Samples
 from sdhj.solver.games import HJIGames, Pieces
@@ -27,27 +27,7 @@ pytestmark = pytest.mark.filterwarnings(
 )  # each test says what it expects
 
 
-def chase_problem(*, nodes=15, steps=3, moving=False, view_time="swept"):
-    """x is driven, the adversary moves y and z; unsafe near (y, z) = (x, 0): all axes matter; target |x - 1| <= 0.5."""
-    rate = 0.4 if moving else 0.0
-
-    def ball(p, t):
-        return np.sqrt((p[:, 0] - p[:, 1]) ** 2 + (p[:, 2] - rate * t) ** 2) - 0.6
-
-    inputs = np.array([[-2.0], [0.0], [2.0]])
-    drift = np.hstack([inputs, np.zeros((3, 2))])
-    return ReachAvoidProblem(
-        Grid([-2.0, -1.5, -1.5], [2.0, 1.5, 1.5], [nodes, nodes, nodes], names=["x", "y", "z"]),
-        Dynamics(inputs, drift, np.eye(3), [0.1, 0.3, 0.3]),
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5),
-        (UnsafeSet((0, 1, 2), ball, name="ball"),),
-        0.25,
-        steps,
-        view_time,
-    )
-
-
-def current_problem(*, nodes=(31, 31, 16), speed=0.5, view_time="swept", rate=0.0):
+def current_problem(*, speed=0.5, rate=0.0, **changed):
     """A boat (x, y) in a current of unknown heading w: dx = u + speed cos w, dy = speed sin w, dw = v."""
 
     def drift(points, u):
@@ -55,15 +35,9 @@ def current_problem(*, nodes=(31, 31, 16), speed=0.5, view_time="swept", rate=0.
         return np.stack([u[0] + speed * np.cos(w), speed * np.sin(w), np.zeros(len(points))], axis=1)
 
     rock = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + rate * t, p[:, 1] - 1.0) - 0.3, name="rock")
-    return ReachAvoidProblem(
-        Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], nodes, [False, False, True], ["x", "y", "w"]),
-        Dynamics([[-1.0], [0.0], [1.0]], drift, np.array([[0.0], [0.0], [1.0]]), [1.0]),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.8),
-        (rock,),
-        0.2,
-        3,
-        view_time,
-    )
+    usual = {"nodes": (31, 31, 16), "drift": drift, "gain": [[0.0], [0.0], [1.0]], "bounds": [1.0], "delta": 0.2}
+    usual |= {"target": zoo.goal(0.0, 0.0, 0.8), "unsafe": (rock,), "names": ["x", "y", "w"], "steps": 3}
+    return zoo.car([[-1.0], [0.0], [1.0]], **usual | changed)
 
 
 def wind_problem(*, nodes=41):
@@ -136,7 +110,7 @@ def test_an_axis_that_inputs_drive_at_some_time_stays():
 )
 def test_subspaces_that_do_not_fit_are_refused(subspaces, said):
     with pytest.raises(ValueError, match=said):
-        solve_quietly(chase_problem(nodes=5), Projected(subspaces))
+        solve_quietly(zoo.chase(nodes=5), Projected(subspaces))
 
 
 def test_a_grid_of_one_axis_has_none_to_drop():
@@ -149,7 +123,7 @@ def test_a_grid_of_one_axis_has_none_to_drop():
 
 @pytest.mark.parametrize("axes", [(0,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)])
 def test_projections_are_those_of_the_twin(axes, rng):
-    problem = chase_problem(nodes=5)
+    problem = zoo.chase(nodes=5)
     games = projected_games(problem, [axes])
     values = rng.normal(size=problem.grid.shape).astype(np.float32)
     np.testing.assert_array_equal(games.inner_projection(values, axes), naive.inner_projection(values, axes))
@@ -203,7 +177,7 @@ def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, 
 def test_the_inner_projection_is_the_greatest_over_what_was_dropped(axes, plain, monkeypatch, rng):
     if plain:
         run_plainly(monkeypatch)
-    games = projected_games(chase_problem(nodes=9), [axes], HJI())
+    games = projected_games(zoo.chase(nodes=9), [axes], HJI())
     values = rng.normal(size=games.samples.grid.shape).astype(np.float32)
     expected = np.full([values.shape[axis] for axis in axes], -np.inf, np.float32)
     for node in np.ndindex(values.shape):
@@ -216,7 +190,7 @@ def test_the_inner_projection_is_the_greatest_over_what_was_dropped(axes, plain,
 @pytest.mark.parametrize("subspaces", [None, [(0, 1)], [(0, 1), (0, 2), (1, 2)]])
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
-    problem = chase_problem(nodes=9, moving=moving)
+    problem = zoo.chase(nodes=9, rate=0.4 * moving)
     table = solve_quietly(problem, Projected(subspaces))
     games = projected_games(problem, subspaces, HJI())
     avoid = table.avoid
@@ -239,7 +213,7 @@ def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
 @pytest.mark.parametrize("view_time", ["swept", "sampled", "instantaneous"])
 def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(view_time):
     """Hopf-Lax with linear interpolation is monotone and leaves an axis without variation alone: no scheme error."""
-    problem = chase_problem(moving=True, view_time=view_time)
+    problem = zoo.chase(rate=0.4, view_time=view_time)
     full = solve_quietly(problem, MONOTONE)
     inner = solve_quietly(problem, Projected(inner=MONOTONE))
     for k, n in entries(problem.steps):
@@ -251,7 +225,7 @@ def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(
 @pytest.mark.slow
 def test_with_velocities_in_time_they_are_too():
     """A tide in x, gusts that grow in y and z: the sets are nowhere larger than the full ones, and not empty."""
-    problem = chase_problem(moving=True, view_time="instantaneous")
+    problem = zoo.chase(rate=0.4, view_time="instantaneous")
     dynamics = Dynamics(
         problem.inputs,
         drift=lambda q, u, t: [u[0] + np.sin(6 * t), 0.2 * t, 0.0],
@@ -272,7 +246,7 @@ def test_limited_interpolation_is_inside_but_for_its_error():
 
     At a kink of slope 1 to -1 that is at most an eighth of two cells' rise, twice as full and projected may err apart.
     """
-    problem = chase_problem(moving=True)
+    problem = zoo.chase(rate=0.4)
     full = solve_quietly(problem, HopfLax())
     inner = solve_quietly(problem, Projected(inner=HopfLax()))
     for k, n in entries(problem.steps):
@@ -288,7 +262,7 @@ def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
     The intersection as printed is inside as well, and smaller than either: valid, but looser. And the union of what the
     directions call unsafe would be that smaller set's complement, the intersection is the union's.
     """
-    problem = chase_problem()
+    problem = zoo.chase()
     full = solve_quietly(problem, MONOTONE)
     both = solve_quietly(problem, Projected(inner=MONOTONE))
     one, other = (solve_quietly(problem, Projected([axes], MONOTONE)) for axes in default_subspaces(problem))
@@ -321,7 +295,7 @@ def full_games(problem):
 
 def test_the_wrong_projections_would_not_be_inside():
     """Guards the swapped symbols of App. A.4: projecting the set to be reached by its shadow (min) is unsafe."""
-    problem = chase_problem()
+    problem = zoo.chase()
     full = solve_quietly(problem, HopfLax())
     games = projected_games(problem, inner=MONOTONE)
     games.inner_projection = lambda values, axes: naive.outer_projection(values, axes)  # as printed for s
@@ -390,7 +364,7 @@ def test_an_unsafe_set_within_a_subspace_stays_exact():
 
 
 def test_a_subspace_with_all_axes_is_the_full_method():
-    problem = chase_problem(nodes=9)
+    problem = zoo.chase(nodes=9)
     full = solve_quietly(problem)
     same = solve_quietly(problem, Projected([(0, 1, 2)]))
     np.testing.assert_array_equal(same.tubes, full.tubes)
@@ -569,10 +543,7 @@ def test_a_set_that_fills_every_subspace_is_told_from_another_of_its_name(names,
     """The first is a cross on the axes dropped in turn, so all of every projection; the second a ball in a corner."""
     cross = UnsafeSet((1, 2), lambda p, t: np.abs(p).min(axis=1) - 0.1, name=names[0])
     ball = UnsafeSet((0, 1, 2), lambda p, t: np.linalg.norm(p - 0.7, axis=1) - 0.3, name=names[1])
-    inputs = np.array([[-1.0], [1.0]])
-    dynamics = Dynamics(inputs, np.hstack([inputs, 0 * inputs, 0 * inputs]), np.eye(3), [0.1] * 3)
-    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4)
-    problem = ReachAvoidProblem(Grid([-1] * 3, [1] * 3, [9] * 3), dynamics, target, (cross, ball), 0.2, 2)
+    problem = zoo.chase(nodes=9, lower=[-1.0] * 3, upper=[1.0] * 3, unsafe=(cross, ball), steps=2)
     with pytest.warns(ProjectionWarning, match=rf"the unsafe set '{told[0]}' fills every subspace"):
         table = solve_quietly(problem, "projected")
     free = table.details["projection"]["free"]
@@ -582,7 +553,7 @@ def test_a_set_that_fills_every_subspace_is_told_from_another_of_its_name(names,
 def test_what_is_written_before_the_recursion_moves_up_with_tubes_that_are_shared():
     """The target is gone after half a second, so that rows share their tubes, and those behind them move up."""
     target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5 + 5.0 * np.minimum(t, 1.0))
-    problem = replace(chase_problem(moving=True, steps=8, nodes=9), target=target)
+    problem = replace(zoo.chase(rate=0.4, steps=8, nodes=9), target=target)
     table = sdhj.solve(problem, Projected(), play=False)
     assert table.details["tubes_shared"] > 0
     for step in range(9):
@@ -623,10 +594,8 @@ def test_poorly_chosen_subspaces_are_reported(subspaces, said):
 
 def test_a_dropped_axis_of_an_unsafe_set_alone_is_reported():
     """Nothing of the unsafe set's axes is kept: it is everywhere, as far as the subspace can tell."""
-    problem = chase_problem(nodes=9)
     hidden = UnsafeSet((1,), lambda p, t: np.abs(p[:, 0]) - 0.2, name="hidden")
-    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5)
-    problem = ReachAvoidProblem(problem.grid, problem.dynamics, target, (hidden,), 0.25, 2)
+    problem = zoo.chase(nodes=9, unsafe=(hidden,), steps=2)
     with pytest.warns(ProjectionWarning, match="'hidden' fills every subspace"):
         table = solve_quietly(problem, Projected([(0, 2)]))
     assert table.details["projection"]["free"] == {"hidden": 0.0}

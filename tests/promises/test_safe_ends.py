@@ -7,11 +7,12 @@ from itertools import product
 import judge
 import numpy as np
 import pytest
+import zoo
 from plain import run_plainly
 from zoo import line, post
 
 import sdhj
-from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, UnsafeSet
+from sdhj import HJI, Controller, Grid, HopfLax, Projected, Scheme, UnsafeSet
 from sdhj.certified.sets import Certified
 from sdhj.problem.samples import Samples
 from sdhj.solver.joint import Joint
@@ -36,9 +37,8 @@ def disk(centre, radius, name="disk"):
 
 def stream(delta, nodes=(41, 61)):
     """Everything drifts at (1, 1), whatever the input; two seconds are enough to leave."""
-    grid = Grid([-1.0, -1.0], [1.0, 2.0], nodes, ends=["safe", "wall"])
-    dynamics = Dynamics([[0.0]], [[1.0, 1.0]], np.eye(2), [0.0, 0.0])
-    return ReachAvoidProblem(grid, dynamics, None, (disk(CENTRE, RADIUS),), delta, round(2 / delta))
+    usual = {"upper": [1.0, 2.0], "nodes": nodes, "ends": ["safe", "wall"], "drift": [[1.0, 1.0]]}
+    return zoo.raft([0.0], 0.0, **usual, unsafe=[disk(CENTRE, RADIUS)], delta=delta, steps=round(2 / delta))
 
 
 def swept_away(points):
@@ -83,8 +83,19 @@ HIGH, HUB, HOLE = np.array([1.0, 0.9]), np.array([-0.8, 0.0]), 0.15
 
 def whirl(nodes=(61, 55), delta=1.5):
     """A turn about the origin at 1 rad/s: what goes over a safe end is brought back by it, and no longer counts."""
-    dynamics = Dynamics([[0.0]], lambda p: np.stack([-p[:, 1], p[:, 0]], axis=1), np.zeros((2, 1)), [0.0])
-    return ReachAvoidProblem(Grid(-HIGH, HIGH, nodes, ends="safe"), dynamics, None, (disk(HUB, HOLE),), delta, 4)
+    return zoo.plane(
+        [[0.0]],
+        drift=lambda p: np.stack([-p[:, 1], p[:, 0]], axis=1),
+        **zoo.ALONE,
+        lower=-HIGH,
+        upper=HIGH,
+        nodes=nodes,
+        ends="safe",
+        target=None,
+        unsafe=[disk(HUB, HOLE)],
+        delta=delta,
+        steps=4,
+    )
 
 
 def turned_into(points, time=6.0):
@@ -139,15 +150,12 @@ def test_a_proof_for_the_whirl(rng):
     assert gone.any() and inside[gone].all()
 
 
-INPUTS = np.array([[-1.0], [0.0], [1.0]])
-CRAFT = np.hstack([np.full((3, 1), 1.0), INPUTS])
+CRAFT = np.array([[1.0, -1.0], [1.0, 0.0], [1.0, 1.0]])
 
 
-def craft(lower, upper, nodes, delta=0.4, part=None):
-    """It drifts to the right at 1 +- 0.3, steers by 1 up or down, +- 0.3, and has unsafe banks."""
-    grid = Grid(lower, upper, nodes, ends=["safe", "unsafe"])
-    dynamics = Dynamics(INPUTS, CRAFT, np.eye(2), [0.3, 0.3])
-    return ReachAvoidProblem(grid, dynamics, None, (part or disk([0.5, 0.0], 0.45),), delta, round(2 / delta))
+def craft(side, nodes, **changed):
+    """The raft, +- 0.3 either way, between unsafe banks, on as much of the river."""
+    return zoo.raft(lower=[-side, -1.0], upper=[side, 1.0], nodes=nodes, ends=["safe", "unsafe"], **changed)
 
 
 @pytest.mark.slow
@@ -157,11 +165,10 @@ def test_the_grid_may_as_well_go_on(method, moving):
     """The river is the same on a grid with 40 cells more on each side, where nothing is in the way; for a moving disk
     too.
     """
-    part = None
-    if moving:
-        part = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5 + 0.4 * t, p[:, 1]) - 0.45, name="boat")
-    near = sdhj.solve(craft([-1.0, -1.0], [1.0, 1.0], (41, 41), part=part), METHODS[method], progress=False)
-    far = sdhj.solve(craft([-3.0, -1.0], [3.0, 1.0], (121, 41), part=part), METHODS[method], progress=False)
+    boat = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5 + 0.4 * t, p[:, 1]) - 0.45, name="boat")
+    moved = {"unsafe": [boat]} if moving else {}
+    near = sdhj.solve(craft(1.0, 41, **moved), METHODS[method], progress=False)
+    far = sdhj.solve(craft(3.0, (121, 41), **moved), METHODS[method], progress=False)
     one, other = (table.values(start=0, within=table.steps) <= 0 for table in (near, far))
     other = other[40:-40]
     assert 0.2 < one.mean() < 0.6
@@ -174,7 +181,7 @@ def test_the_grid_may_as_well_go_on(method, moving):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hji", "lax"])
 def test_runs_on_the_true_river_are_not_lost(name, rng):
-    table = sdhj.solve(craft([-1.0, -1.0], [1.0, 1.0], (81, 81)), METHODS[name], progress=False)
+    table = sdhj.solve(craft(1.0, 81), METHODS[name], progress=False)
     controller, states = Controller(table), rng.uniform(-1, 1, (6_000, 2))
     starts = states[table.contains(states, start=0, within=table.steps)]
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import judge
 import numpy as np
 import pytest
-from zoo import cart, interval_problem, line
+from zoo import cart, interval_problem, line, post, raft
 
 import sdhj
-from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, UnsafeSet
+from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, UnsafeSet
 from sdhj.certified.sets import Certified
 from sdhj.solver.joint import Joint
 
@@ -127,11 +127,9 @@ def test_what_leaves_over_a_safe_end_is_out_of_danger():
 @pytest.mark.parametrize("method", [HJI(), Joint(), HopfLax(), Projected(), HopfLax("linear")])
 def test_every_method_stays_clear_of_a_disk(method, rng):
     """A point that drifts to the right by 0.5 +- 0.2 and steers by 1 up or down: who is too close hits the disk."""
-    inputs = np.array([[-1.0], [0.0], [1.0]])
-    drift = np.hstack([np.full((3, 1), 0.5), inputs])
-    disk = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5, name="disk")
-    grid = Grid([-2.0, -2.0], [2.0, 2.0], [41, 41], ends="wall")
-    problem = ReachAvoidProblem(grid, Dynamics(inputs, drift, np.eye(2), [0.2, 0.2]), None, (disk,), 0.2, 5)
+    drift = np.array([[0.5, -1.0], [0.5, 0.0], [0.5, 1.0]])
+    usual = {"lower": [-2.0, -2.0], "upper": [2.0, 2.0], "ends": "wall", "delta": 0.2}
+    problem = raft(push=0.2, current=0.5, **usual, unsafe=[post(0.0, 0.0, 0.5)])
     with np.testing.suppress_warnings() as quiet:
         quiet.filter(UserWarning)
         table = sdhj.solve(problem, method, progress=False)

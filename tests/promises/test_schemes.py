@@ -5,6 +5,7 @@ import dataclasses
 import naive
 import numpy as np
 import pytest
+import zoo
 from plain import run_plainly
 
 import sdhj
@@ -410,13 +411,15 @@ def test_a_half_turn_changes_no_bit_of_a_table(monkeypatch, order):
     ways = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
 
     def values(sign, **scheme):
-        problem = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-1.25, -1.25], [1.25, 1.25], [11, 11]),  # nodes that are mirror images to the last bit
-            sdhj.Dynamics(sign * ways, sign * ways, np.eye(2), [0.1, 0.1]),
-            sdhj.TargetSet((0, 1), lambda p, t: np.hypot(sign * p[:, 0] - 0.7, sign * p[:, 1] - 0.4) - 0.4),
-            [sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(sign * p + [0.2, -0.1]).max(axis=1) - 0.35)],
-            0.5,
-            2,
+        problem = zoo.plane(
+            sign * ways,
+            lower=[-1.25, -1.25],
+            upper=[1.25, 1.25],
+            nodes=11,  # nodes that are mirror images to the last bit
+            target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(sign * p[:, 0] - 0.7, sign * p[:, 1] - 0.4) - 0.4),
+            unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(sign * p + [0.2, -0.1]).max(axis=1) - 0.35)],
+            delta=0.5,
+            steps=2,
         )
         table = sdhj.solve(problem, sdhj.HJI(sdhj.Scheme(order=order, **scheme)), progress=False, play=False)
         return table.values()[::sign, ::sign]

@@ -12,7 +12,7 @@ import pytest
 import zoo
 
 import sdhj
-from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
+from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, Sensing, TargetSet, UnsafeSet
 from sdhj.table.beside import predicted
 from sdhj.table.files import read_head
 
@@ -63,11 +63,14 @@ def test_the_closed_form(sensing, method, off):
 @pytest.mark.parametrize("ndim", [1, 2])
 def test_all_of_the_box_of_a_state_has_to_be_in_the_set(ndim):
     """The one input leads by 0.65 into |x| <= 0.3, so predictions between -0.35 and -0.3 are in no set: a gap in E."""
-    problem = ReachAvoidProblem(
-        Grid([-2.0] * ndim, [2.0] * ndim, [161, 11][:ndim]),
-        Dynamics([[1.0]], np.eye(ndim)[:1]),
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4),
-        (),
+    problem = (zoo.line, zoo.plane)[ndim - 1](
+        [[1.0]],
+        drift=np.eye(ndim)[:1],
+        **zoo.ALONE,
+        lower=[-2.0] * ndim,
+        upper=[2.0] * ndim,
+        nodes=[161, 11][:ndim],
+        target=zoo.goal(0.0, 0.4),
         delta=0.65,
         steps=1,
         sensing=Sensing([0.1, 0.1][:ndim]),
@@ -94,12 +97,14 @@ REST = 2  # the input +1 is held until the first chosen one starts
 @pytest.mark.parametrize(("begin", "rate", "closest"), [(0.9, -0.4, 0.66), (0.5, 0.4, 0.46)])
 def test_an_input_is_clear_from_its_earliest_begin_to_its_latest_end(begin, rate, closest, frame):
     """The robot stands and the wall, at begin + rate t, does not: for 0.5 s, which begin and end up to 0.1 s off."""
-    problem = ReachAvoidProblem(
-        Grid([-1.0], [1.0], [81], ends="wall"),
-        Dynamics([[0.0]], [[0.0]]),
-        None,
-        [UnsafeSet((0,), lambda p, t: begin + rate * t - p[:, 0], name="wall")],
-        delta=0.5,
+    problem = zoo.line(
+        [0.0],
+        **zoo.ALONE,
+        lower=[-1.0],
+        upper=[1.0],
+        ends="wall",
+        target=None,
+        unsafe=[UnsafeSet((0,), lambda p, t: begin + rate * t - p[:, 0], name="wall")],
         steps=1,
         sensing=Sensing(jitter=0.1, memory=False),
     )
@@ -168,13 +173,16 @@ def lattice_problem(ndim, sensing, *, unsafe=True):
         return -0.9 - np.cos(turn * p[:, 0]) + 1.4
 
     moves = np.array([[-2.0], [0.0], [2.0]]) if ndim == 1 else np.array([[-3.0, 1.0], [0.0, 0.0], [1.0, 2.0]])
-    problem = ReachAvoidProblem(
-        Grid([0.0] * ndim, [float(nodes)] * ndim, [nodes] * ndim, [True] * ndim),
-        Dynamics(moves, moves, np.eye(ndim), [1.0] * ndim),
-        TargetSet(tuple(range(ndim)), target),
-        (UnsafeSet((0,), danger),) if unsafe else (),
-        3.0,
-        3,
+    problem = (zoo.line, zoo.plane)[ndim - 1](
+        moves,
+        1.0,
+        lower=[0.0] * ndim,
+        upper=[float(nodes)] * ndim,
+        nodes=nodes,
+        periodic=[True] * ndim,
+        target=TargetSet(tuple(range(ndim)), target),
+        unsafe=(UnsafeSet((0,), danger),) if unsafe else (),
+        delta=3.0,
         sensing=sensing,
     )
     points = problem.grid.points()

@@ -12,10 +12,11 @@ import judge
 import naive
 import numpy as np
 import pytest
+import zoo
 from parameters import but_slow
 
 import sdhj
-from sdhj import HJI, BlackBox, Dynamics, Grid, HopfLax, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import HJI, BlackBox, HopfLax, TargetSet, UnsafeSet
 from sdhj.solver.joint import Joint
 
 ADVERSARIES = ("up", "down", "switching", "away", "exact")  # exact: knows the twin's tubes
@@ -52,11 +53,18 @@ class Case:
         )
         if not self.timed:
             functions = [lambda q, u, function=function: function(q, u, 0.0) for function in functions]
-        dynamics = Dynamics([[u] for u in self.inputs], *functions)
         target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - self.centre(t)) - self.radius)
         wall = UnsafeSet((0,), lambda p, t: self.wall + self.rate * t - p[:, 0], name="wall")
-        grid = Grid([-4.0], [4.0], [25 if self.timed else 97])  # where time matters a game takes many more steps
-        return ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps, "instantaneous")
+        return zoo.line(
+            self.inputs,
+            nodes=25 if self.timed else 97,  # where time matters a game takes many more steps
+            **dict(zip(("drift", "gain", "bounds"), functions, strict=True)),
+            target=target,
+            unsafe=(wall,),
+            delta=self.delta,
+            steps=self.steps,
+            view_time="instantaneous",
+        )
 
     def travels(self, begin, end, parts):
         """Displacements under each input at several times, the adversary down and up: (2, L, parts + 1)."""
@@ -333,14 +341,19 @@ def lattice_problem(seed=4):
         index = np.rint(points).astype(int) % shape
         return values[round(t)][tuple(index.T)]
 
-    dynamics = Dynamics(
+    problem = zoo.plane(
         [[-1.0], [0.0], [1.0]],
-        lambda q, u, t: [u[0] * (0.5 + t), 2 * t - 1],
-        lambda q, u: np.diag([abs(u[0]), 1.0]),
-        lambda t: [1.0, 0.5 + t],
+        drift=lambda q, u, t: [u[0] * (0.5 + t), 2 * t - 1],
+        gain=lambda q, u: np.diag([abs(u[0]), 1.0]),
+        bounds=lambda t: [1.0, 0.5 + t],
+        lower=[0.0, 0.0],
+        upper=[9.0, 11.0],
+        nodes=shape,
+        periodic=[True, True],
+        target=TargetSet((0, 1), BlackBox(target)),
+        delta=1.0,
     )
-    grid = Grid([0.0, 0.0], [9.0, 11.0], shape, [True, True])
-    return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), BlackBox(target)), (), 1.0, 3), values
+    return problem, values
 
 
 def test_boxes_that_end_at_nodes_make_the_exact_game_on_a_torus():
@@ -394,14 +407,18 @@ class Turning:
     @classmethod
     def problem(cls, nodes):
         game = cls.game
-        dynamics = Dynamics(
+        return zoo.plane(
             [[u] for u in game.inputs],
-            lambda points, u, t: cls.field(points, game.drift(u[0], t), t),
-            lambda q, u, t: game.gain(u[0], t) * cls.frame(t)[0][:, None],
-            lambda q, u: [game.bound(u[0], 0.0)],
+            drift=lambda points, u, t: cls.field(points, game.drift(u[0], t), t),
+            gain=lambda q, u, t: game.gain(u[0], t) * cls.frame(t)[0][:, None],
+            bounds=lambda q, u: [game.bound(u[0], 0.0)],
+            lower=[-2.5, -2.5],
+            upper=[2.5, 2.5],
+            nodes=nodes,
+            target=TargetSet((0, 1), cls.target),
+            delta=game.delta,
+            steps=game.steps,
         )
-        grid = Grid([-2.5, -2.5], [2.5, 2.5], [nodes, nodes])
-        return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), cls.target), (), game.delta, game.steps)
 
     @classmethod
     def depths(cls, intervals, points, t):

@@ -42,34 +42,14 @@ def threads():
         yield client
 
 
-def turning(inputs=25, steps=4):
+def turning(inputs=25):
     """A car with many inputs, of which each has a game of its own; nothing depends on time."""
-    rates = np.linspace(-1.0, 1.0, inputs)[:, None]
-
-    def drift(q, u):
-        return np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1)
-
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1, -1, -np.pi], [1, 1, np.pi], [9, 9, 12], [False, False, True]),
-        sdhj.Dynamics(rates, drift, np.eye(3), [0.05, 0.05, 0.1]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.4),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6, p[:, 1]) - 0.2, name="post")],
-        0.2,
-        steps,
-    )
+    return zoo.unicycle_problem(np.linspace(-1.0, 1.0, inputs), nodes=(9, 9, 12), steps=4)
 
 
 def ring():
-    """A state on a circle at three speeds, of which each has a game of its own, as intervals may end early."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-np.pi], [np.pi], [48], [True]),
-        sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [0.2]),
-        sdhj.TargetSet((0,), lambda p, t: 0.5 - np.cos(p[:, 0])),
-        [sdhj.UnsafeSet((0,), lambda p, t: np.cos(0.3) - np.cos(p[:, 0] + 2.0), name="ball")],
-        0.5,
-        4,
-        sensing=sdhj.Sensing(jitter=0.05),
-    )
+    """At three speeds, of which each has a game of its own, as intervals may end early."""
+    return zoo.ring(sensing=sdhj.Sensing(jitter=0.05))
 
 
 @pytest.mark.slow

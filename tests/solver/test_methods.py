@@ -10,7 +10,7 @@ import zoo
 from plain import run_plainly
 
 import sdhj
-from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import HJI, HopfLax, Projected, TargetSet
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import LARGEST
 from sdhj.solver.joint import Joint
@@ -58,26 +58,9 @@ class Shift:
         return GridSets(problem, self)
 
 
-def ring_problem(*, rate=0.0, steps=5):
-    """32 nodes, 0.5 apart; u moves the state by 4 nodes and v by one; a target around 4, something unsafe around 10."""
-
-    def around(centre):
-        return lambda p, t: np.abs((p[:, 0] - centre - rate * t + 8) % 16 - 8)
-
-    inputs = np.array([[-2.0], [0.0], [2.0]])
-    return ReachAvoidProblem(
-        Grid([0.0], [16.0], [32], [True]),
-        Dynamics(inputs, inputs, [[1.0]], [0.5]),
-        TargetSet((0,), lambda p, t: around(4.0)(p, t) - 2.0),
-        (UnsafeSet((0,), lambda p, t: around(10.0)(p, t) - 1.0, name="rock"),),
-        1.0,
-        steps,
-    )
-
-
 @pytest.mark.parametrize("rate", [0.0, 0.5])
 def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
-    problem = ring_problem(rate=rate)
+    problem = zoo.ring(rate=rate)
     table, moves = sdhj.solve(problem, Shift(), progress=False), [(-5, -3), (-1, 1), (3, 5)]
 
     def highest(values, low, high):
@@ -101,7 +84,7 @@ def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
 
 
 def test_it_is_the_formula_where_that_is_exact():
-    problem = ring_problem(rate=0.5)
+    problem = zoo.ring(rate=0.5)
     own, lax = (sdhj.solve(problem, method, progress=False) for method in (Shift(), HopfLax("linear")))
     for start, within in itertools.product(range(6), repeat=2):
         one, other = (table.values(start=start, within=within) for table in (own, lax))
@@ -112,7 +95,7 @@ def test_it_is_the_formula_where_that_is_exact():
 @pytest.mark.parametrize("adversary", ["random", "worst", "aggressive"])
 def test_it_is_controlled_and_simulated(adversary, rate):
     """Sets with kinks at nodes, so that interpolation is exact as well: no run may fail."""
-    controller = sdhj.Controller(sdhj.solve(ring_problem(rate=rate), Shift(), progress=False))
+    controller = sdhj.Controller(sdhj.solve(zoo.ring(rate=rate), Shift(), progress=False))
     report = sdhj.monte_carlo(controller, 500, adversary, progress=False)
     assert report.counts["reached"] == 500 and report.method == "shift", str(report)
     run = sdhj.simulate(controller, [7.2], adversary)
@@ -120,7 +103,7 @@ def test_it_is_controlled_and_simulated(adversary, rate):
 
 
 def test_its_table_is_saved_and_read(tmp_path):
-    problem = ring_problem()
+    problem = zoo.ring()
     table = sdhj.solve(problem, Shift(), progress=False)
     table.save(tmp_path / "shift.npz")
     again = sdhj.load(tmp_path / "shift.npz", problem=problem)
@@ -257,13 +240,15 @@ def test_tubes_hang_on_no_magnitude_of_level_sets(method: object, drift: object,
 
     def tubes(scale: float) -> np.ndarray:
         post = sdhj.UnsafeSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] + 1, p[:, 1]) - 0.4), sampling="steep")
-        problem = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-2, -2], [2, 2], [9, 9] if plain else [21, 21], ends="wall"),
-            sdhj.Dynamics(MOVES, drift, np.eye(2), [0.03, 0.3]),
-            sdhj.TargetSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] - 1, p[:, 1] - 0.8) - 0.6)),
-            [post],
-            0.25,
-            3,
+        problem = zoo.plane(
+            MOVES,
+            drift=drift,
+            bounds=[0.03, 0.3],
+            nodes=9 if plain else 21,
+            ends="wall",
+            target=sdhj.TargetSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] - 1, p[:, 1] - 0.8) - 0.6)),
+            unsafe=[post],
+            delta=0.25,
         )
         return np.asarray(sdhj.solve(problem, method, play=False, progress=False).tubes, np.float64)
 
