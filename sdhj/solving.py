@@ -97,7 +97,7 @@ def solve(
         Before anything is solved, if more memory is needed than is available.
     RuntimeError
         If the checker does not prove a claim of a certified table: all of up to 200,000 are looked at, else some
-        100,000, as `table.details["checked"]` says.
+        hundred thousand, as `table.details["checked"]` says.
     OSError, TableFileError
         If the store cannot be written, exists already, belongs to another problem or is damaged.
 

@@ -32,6 +32,8 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
+
 from sdhj.certified.check.argument import Argument, silently
 from sdhj.certified.check.claims import Claim, Verdict
 from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
@@ -117,7 +119,7 @@ def verify(
         found = [*sets.claims(everywhere, samples, seed, bar)]
         found += [] if words is None else claims(words, sets, everywhere, bar)
         return Verdict(tuple(found), str(sets.problem))
-    found = [*sets.claims(samples, seed, silent)]
+    found = [*sets.claims(np.random.default_rng(seed).permutation(sets.index.shape[1])[:samples], silent)]
     if words is not None:
         from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 

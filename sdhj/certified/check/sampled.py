@@ -4,6 +4,7 @@ No step of the argument stands here: each claim is asked of the function of `arg
 arrays is looked at whole: that cells cover the axes, that sets grow, and how far off predictions are.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import groupby
@@ -21,6 +22,7 @@ from sdhj.certified.check.intervals import Array
 MOST_WHOLE = 200_000  # claims that are all looked at
 SAMPLED = 100_000  # claims that are looked at of more
 ROWS = 64  # of a set, from which cells are drawn
+NEAR_RIMS = 512  # rows of an arm, from which those at rims are drawn
 
 
 class InMemory:
@@ -50,10 +52,7 @@ def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: A
         from sdhj.certified.check.arm.claims import Arm  # with Numba, which no other robot needs
 
         arm = Arm(head, in_memory)
-        share = SAMPLED / max(int(arm.allowed.sum()) + bits_of(arm.pool), 1)
-        # all where half of them would be drawn
-        rows = None if 2 * share >= 1 else max(round(share * arm.index.shape[1]), 1)
-        return counted(arm.claims(rows, 0, True))
+        return counted(arm.claims(some_rows(arm, np.random.default_rng(0)), True))
     sets = Argument(head, in_memory, problem)
     if (made := claims_made(sets)) <= MOST_WHOLE:
         return counted(sets.claims())
@@ -233,6 +232,72 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
         for own in one.numbers
     ]
     return looked, texts
+
+
+# ---- rows of an arm
+
+
+def some_rows(arm: Any, rng: np.random.Generator) -> Array:
+    """Numbers of rows of an arm: all of few claims, else with `SAMPLED` or more, as many as half of it at rims of sets.
+
+    Every set of every step, every input and every end of a joint is among them; of the agent's walls what any of
+    `NEAR_RIMS` rows has.
+    """
+    made: Array = arm.added[0].sum(axis=1) + arm.flags
+    rows = rng.permutation(np.flatnonzero(made))
+    if made.sum() <= MOST_WHOLE:
+        return rows
+    near = rows[:NEAR_RIMS]
+    found = np.array([at_rims(arm, row) for row in near.tolist()])
+    # Those first of whose claims most are at rims.
+    order = np.argsort(-found[:, 0] / made[near])
+    most = order[: 1 + np.searchsorted(np.cumsum(found[order, 0]), SAMPLED // 2)]
+    walls = [order[found[order, wall] > 0][:1] for wall in range(1, 5)]
+    chosen = np.unique(near[np.concatenate([most, *walls])])
+    for own in map(np.flatnonzero, each_of(arm)):
+        if own.size and not np.isin(own, chosen).any():
+            chosen = np.append(chosen, rng.choice(own))
+    others = rows[~np.isin(rows, chosen)]
+    # At least one by chance, and more where all these have too few.
+    return np.append(chosen, others[: 1 + np.searchsorted(np.cumsum(made[others]), SAMPLED - made[chosen].sum())])
+
+
+def each_of(arm: Any) -> Iterator[Array]:
+    """Yield which rows are at each end of a joint, have claims of each input, and new cells of each set: (rows,) bool.
+
+    Sets of late steps come first, as rows that have new cells of these have some of earlier ones, as a rule.
+    """
+    filled: Array = np.any(arm.pool, axis=1)
+    some: Array = np.any(filled[arm.index], axis=0)
+    for joint, n in enumerate(arm.counts[:2].tolist()):
+        at = np.indices(arm.counts[:2])[joint].ravel()
+        yield from (some & (at == end) for end in (0, n - 1))
+    yield from arm.allowed.any(axis=0).reshape(arm.allowed.shape[1], -1)
+    for number in reversed(range(len(arm.index))):
+        own = arm.index[number]
+        # Where the block is another, the cells are.
+        yield own != arm.index[number - 1] if arm.pairs[number, 1] else filled[own]
+
+
+def at_rims(arm: Any, row: int) -> list[int]:
+    """How many of the new cells in a row are at the rim of their set, and how many at each end of the agent's axes."""
+    n1, n2, *sides = arm.counts.tolist()
+
+    def blocks(first: int, second: int) -> Array:
+        words = arm.pool[arm.index[:, first % n1 * n2 + second % n2]]
+        return np.unpackbits(words.view(np.uint8), axis=1, count=math.prod(sides), bitorder="little")
+
+    i, j = divmod(row, n2)
+    own = blocks(i, j)
+    less, new = np.flatnonzero(arm.pairs[:, 1]), own.copy()
+    new[less] &= ~own[less - 1]
+    # A wall is no rim: beside a cell at a wall is the cell itself.
+    beside = np.pad(own.reshape(-1, *sides), ((0, 0), (1, 1), (1, 1)), "edge")
+    inner = beside[:, 2:, 1:-1] & beside[:, :-2, 1:-1] & beside[:, 1:-1, 2:] & beside[:, 1:-1, :-2]
+    for joints in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
+        inner &= blocks(*joints).reshape(inner.shape)
+    new = new.reshape(inner.shape)
+    return [int((each > 0).sum()) for each in (new > inner, new[:, 0], new[:, -1], new[..., 0], new[..., -1])]
 
 
 class Drawn(NamedTuple):

@@ -13,8 +13,9 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
 from sdhj.arm.case_studies import rebuild
-from sdhj.certified.check import verify
+from sdhj.certified.check import sampled, verify
 from sdhj.certified.check.arm.claims import PI, Arm, Scene, cells_added
+from sdhj.certified.check.reading import head_and_arrays
 
 pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
 
@@ -55,6 +56,17 @@ def test_rows_are_drawn_and_counted(saved):
     assert 0 < nearer.checked < nearer.made
     assert str(verify(saved[0], samples=np.int64(300), seed=np.uint8(1))) == str(report)
     assert str(verify(saved[0], samples=300, seed=2)) != str(report)
+
+
+def test_a_solve_looks_at_the_rows_drawn_and_counts_their_claims(saved, monkeypatch):
+    monkeypatch.setattr(sampled, "MOST_WHOLE", 0)
+    monkeypatch.setattr(sampled, "SAMPLED", 3000)
+    with head_and_arrays(saved[0]) as (told, file):
+        arrays = {name: file.array(name).copy() for name in file.stated}
+    looked, made, wrong = sampled.looked_over(told, arrays, None)
+    assert not wrong and made == sum(claim.made for claim in verify(saved[0]).claims) and 3000 <= looked < made / 2
+    arrays["allowed"].fill(255)
+    assert "clear of the obstacles: start" in sampled.looked_over(told, arrays, None)[2][0]
 
 
 @pytest.mark.parametrize("name", ["printed", "evader"])

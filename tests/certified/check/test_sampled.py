@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 
+import naive_certified as naive
 import numpy as np
 import pytest
 from forged_robots import file_of, solved
@@ -11,6 +12,7 @@ from parameters import but_slow
 import sdhj
 from sdhj.certified.check import sampled
 from sdhj.certified.check.argument import Argument
+from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.certified.general_proof import GeneralProof
@@ -164,3 +166,60 @@ def test_what_was_looked_at_is_in_the_file_and_its_summary(tmp_path):
         replace(table, details=dict(table.details) | {"checked": wrong}).save(tmp_path / "wrong.npz")
         with pytest.raises(sdhj.TableFileError):
             sdhj.load(tmp_path / "wrong.npz")
+
+
+@pytest.fixture
+def arm(rng):
+    """Sets of an arm that grow by chance, and whose last two are larger by a cell alone; one input is clear once."""
+    arm, shape = object.__new__(Arm), (9, 8, 6, 7)
+    arm.steps, arm.counts, arm.pairs = 3, np.array(shape), naive.pairs(3)
+    arm.cells = naive.sets_of(3, shape, rng, [0.02, 0.02, 0.02, 0.0])[0]
+    arm.cells[2] = arm.cells[1]
+    arm.cells[3] = arm.cells[1]
+    arm.cells[2:4, 4, 4, 2, 2] = arm.cells[3, 5, 5, 3, 3] = True
+    blocks = naive.packed(arm.cells).reshape(10, 72, -1)
+    arm.pool, index = np.unique(blocks.reshape(720, -1), axis=0, return_inverse=True)
+    arm.index = index.reshape(10, 72)
+    arm.allowed = rng.random((3, 5, 9, 8)) < 0.3
+    arm.allowed[:, 2] = False
+    arm.allowed[1, 2, 7, 7] = True
+    return arm
+
+
+def new_of(arm):
+    """Which cells of each set of an arm are claimed: none that the set of a step less has."""
+    return [own & ~arm.cells[at - 1] if arm.pairs[at, 1] else own for at, own in enumerate(arm.cells)]
+
+
+def test_rims_of_an_arm_are_counted_as_cell_by_cell(arm):
+    rims, ends = np.zeros((9, 8), int), np.zeros((9, 8, 4), int)
+    for own, new in zip(arm.cells, new_of(arm), strict=True):
+        for i, j, x, y in np.argwhere(new):
+            joints = [((i + 1) % 9, j, x, y), (i - 1, j, x, y), (i, (j + 1) % 8, x, y), (i, j - 1, x, y)]
+            places = [
+                (i, j, min(x + 1, 5), y),
+                (i, j, max(x - 1, 0), y),
+                (i, j, x, min(y + 1, 6)),
+                (i, j, x, max(y - 1, 0)),
+            ]
+            rims[i, j] += not all(own[one] for one in joints + places)
+            ends[i, j] += x == 0, x == 5, y == 0, y == 6
+    for row, (i, j) in enumerate(np.ndindex(9, 8)):
+        assert sampled.at_rims(arm, row) == [rims[i, j], *ends[i, j]]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rows_of_an_arm_have_claims_enough_rims_and_all_else(arm, seed, monkeypatch):
+    monkeypatch.setattr(sampled, "NEAR_RIMS", 40)
+    new = np.array([own.sum(axis=(2, 3)).ravel() for own in new_of(arm)])
+    made = new.sum(axis=0) + arm.allowed.sum(axis=(0, 1)).ravel()
+    assert {*sampled.some_rows(arm, np.random.default_rng(seed)).tolist()} == {*np.flatnonzero(made).tolist()}
+    monkeypatch.setattr(sampled, "MOST_WHOLE", 0)
+    for few in (20, 200, 400):
+        monkeypatch.setattr(sampled, "SAMPLED", few)
+        rows = sampled.some_rows(arm, np.random.default_rng(seed))
+        found = np.array([sampled.at_rims(arm, row) for row in rows.tolist()]).sum(axis=0)
+        assert rows.size == len({*rows.tolist()}) < 60 and made[rows].sum() >= few and found[0] >= few / 2
+        assert (found[1:] > 0).all() and ((new[:, rows] > 0).any(axis=1) == (new > 0).any(axis=1)).all()
+        assert arm.allowed.any(axis=0).reshape(5, -1)[:, rows].any(axis=1).all()
+        assert {0, 8} <= {*(rows // 8).tolist()} and {0, 7} <= {*(rows % 8).tolist()}

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numba
@@ -196,21 +197,29 @@ class Arm(Sets):
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
         return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
 
-    def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
-        """Yield all claims, checked; those of single cells for `samples` random rows, or for all rows if it is None.
+    @cached_property
+    def added(self) -> tuple[Array, Claim]:
+        """As `cells_added`."""
+        return cells_added(self)
+
+    @cached_property
+    def flags(self) -> Array:
+        """How many inputs are said to be clear of the obstacles in each row, of all starts together."""
+        return self.allowed.reshape(-1, self.index.shape[1]).sum(axis=0)
+
+    def claims(self, rows: Array, silent: bool) -> Iterator[Claim]:
+        """Yield all claims, checked; those of single cells in some rows (R,), by number.
 
         Only the first where cells do not cover the axes.
         """
         yield Claim(COVER, 4, 4, wrong := self.faults_of_cells())
         if wrong:  # nothing else in the file means what it says
             return
-        world, (counts, grow) = self.scene.world(self.edges), cells_added(self)
+        world, (counts, grow) = self.scene.world(self.edges), self.added
         yield grow
-        rows = np.random.default_rng(seed).permutation(self.index.shape[1])[:samples]
         # By kinds: 0 for flags, and 1 + n for sets with n steps to go (`check_rows`).
         failed, example = self.checked(rows, world, silent)
         (_, n2, nx, ny), inputs = self.counts.tolist(), len(world.inputs)
-        flags = self.allowed.reshape(-1, self.index.shape[1])
         for kind in range(self.steps + 2):
             bad = np.flatnonzero(failed[:, kind])[:SHOWN]
             at = [
@@ -219,7 +228,7 @@ class Arm(Sets):
             ]
             if not kind:
                 wrong = [f"start {start}, input {j}, joints {i1}, {i2}" for i1, i2, start, j in at]
-                name, made, seen = "clear of the obstacles", int(flags.sum()), int(flags[:, rows].sum())
+                name, made, seen = "clear of the obstacles", int(self.flags.sum()), int(self.flags[rows].sum())
             else:
                 wrong = [f"start {k}, within {kind - 1}, cell {i1, i2, *divmod(xy, ny)}" for i1, i2, k, xy in at]
                 name, added = f"{NEARER}, within {kind - 1}" if kind > 1 else GOALS, counts[:, kind - 1]
