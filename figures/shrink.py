@@ -1,8 +1,10 @@
 """Pictures for the site's gallery, made small from those in a folder: python figures/shrink.py results 25.
 
-The number, of nodes on each axis of the arm, is kept in the files, and said beside the pictures.
+The number, of nodes on each axis of the arm, is kept in the files that show what was computed on them, and said beside
+the pictures.
 """
 
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,17 +17,24 @@ WIDTH, COLOURS = 700, 128
 WIDE = {"extra_overview": 1100, "fig10_tubes": 1100}  # at the top of a page
 
 
-def shrink(folder: Path, names: Sequence[str] = NAMES, **facts: str) -> None:
-    """Put each figure that the folder holds as PNG into figures/gallery/, with facts: the digest `printed`, `nodes`."""
-    told = PngInfo()
-    for fact, value in facts.items():
-        told.add_text(fact, value)
+ON_NODES = re.compile(
+    r"\bcontext\.(table|run|shares|nodes)\b"
+)  # how a script asks for what is computed on the arm's grid
+
+
+def shrink(folder: Path, names: Sequence[str] = NAMES, *, nodes: str = "", printed: str = "") -> None:
+    """Put each figure that the folder holds as PNG into figures/gallery/, with its nodes, or the digest `printed`."""
     for path in (folder / f"{name}.png" for name in names if name in NAMES):
         if path.is_file():
             with Image.open(path) as image:
                 small = image.convert("RGB")
             width = WIDE.get(path.stem, WIDTH)
             small.thumbnail((width, width))
+            told = PngInfo()
+            if printed:
+                told.add_text("printed", printed)
+            if nodes and ON_NODES.search((HERE / f"{path.stem}.py").read_text("utf-8")):
+                told.add_text("nodes", nodes)
             small.quantize(COLOURS).save(HERE / "gallery" / path.name, optimize=True, pnginfo=told)
 
 

@@ -1,5 +1,6 @@
 """Every figure of the paper, drawn from coarse grids: complete, unclipped, solved once; and the scripts around them."""
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -265,16 +266,21 @@ def test_the_main_jobs_figures_are_written(context, tmp_path):
 
 @pytest.mark.slow
 def test_a_script_writes_its_figure_and_the_gallery_shows_it_small(tmp_path, monkeypatch):
-    result = CliRunner().invoke(command_of("fig09_spaces.py"), ["--nodes", "9", "--out", str(tmp_path / "out")])
+    given = ["--nodes", "9", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(command_of("fig09_spaces.py"), given)
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["fig09_spaces.pdf", "fig09_spaces.png"]
     assert "fig09_spaces.pdf" in result.output
     monkeypatch.setattr(shrink, "HERE", tmp_path)
     (tmp_path / "gallery").mkdir()
-    shrink.shrink(tmp_path / "out")
-    (small,) = (tmp_path / "gallery").iterdir()
-    with Image.open(small) as image:
-        assert small.name == "fig09_spaces.png" and image.width == shrink.WIDTH
+    for name in ("fig09_spaces", "fig10_tubes"):  # the arm in both, its grid in one
+        (tmp_path / f"{name}.py").write_text((HERE / f"{name}.py").read_text("utf-8"), "utf-8")
+    shutil.copy(tmp_path / "out" / "fig09_spaces.png", tmp_path / "out" / "fig10_tubes.png")
+    shrink.shrink(tmp_path / "out", nodes="9")
+    small = tmp_path / "gallery" / "fig09_spaces.png"
+    with Image.open(small) as image, Image.open(tmp_path / "gallery" / "fig10_tubes.png") as computed:
+        assert image.width == shrink.WIDTH
+        assert "nodes" not in image.info and computed.info["nodes"] == "9"
     assert 5000 < small.stat().st_size < 40_000
 
 
