@@ -17,7 +17,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -184,8 +184,7 @@ def dynamics() -> Any:
 
 
 def problem_of(**change: Any) -> Any:
-    usual = {name: getattr(a_line(), name) for name in ("grid", "dynamics", "target", "unsafe", "delta", "steps")}
-    return sdhj.ReachAvoidProblem(**usual | change)
+    return replace(a_line(), **change)
 
 
 def sets() -> Any:

@@ -104,9 +104,8 @@ def test_arrivals_are_kept_in_a_file_and_older_files_have_none(tmp_path):
 
 def test_a_box_that_sticks_out_of_the_target_is_found_at_its_corners(monkeypatch):
     """Of a cube in four dimensions by comparing ends; pieces, 65,536 of a box, would be looked at for most of them."""
-    grid, every = sdhj.Grid([-2.0] * 4, [2.0] * 4, [5] * 4), (0, 1, 2, 3)
-    target = sdhj.TargetSet(every, lambda p, t: np.max(np.abs(p), axis=1) - 1.0)
-    bounds = Bounds(sdhj.ReachAvoidProblem(grid, sdhj.Dynamics([[0.0]], np.zeros((1, 4))), target, [], 1.0, 1))
+    target = sdhj.TargetSet((0, 1, 2, 3), lambda p, t: np.max(np.abs(p), axis=1) - 1.0)
+    bounds = Bounds(zoo.chain(lower=[-2.0] * 4, upper=[2.0] * 4, target=target))
     low = np.random.default_rng(0).uniform(-1.2, 1.1, (500, 4))
     asked, level = [], Bounds.bounds_of_level_set
     monkeypatch.setattr(

@@ -6,6 +6,7 @@ import itertools
 import naive_certified as naive
 import numpy as np
 import pytest
+import zoo
 from zoo import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
@@ -143,15 +144,18 @@ def test_a_gain_that_depends_on_the_state_counts_in_full():
 def test_a_function_may_jump_at_the_seam(part, rng):
     """A set written for angles as plain numbers ends where the axis closes; tubes reach across, and are cut there."""
     jump = part == "level set"
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-np.pi], [np.pi], [40], [True]),
-        sdhj.Dynamics(
-            [[-1.0], [1.0]], lambda q, u: u + (0 if jump else 0.1) * q, lambda q: np.ones((len(q), 1, 1)), [0.1]
-        ),
-        sdhj.TargetSet((0,), lambda q, t: np.abs(q[:, 0]) - 1.0),
-        (sdhj.UnsafeSet((0,), lambda q, t: np.abs(q[:, 0] - (2.9 if jump else 0.0)) - 0.2 + 3.0 * (not jump)),),
-        0.2,
-        6,
+    problem = zoo.line(
+        (-1.0, 1.0),
+        0.1,
+        drift=lambda q, u: u + (0 if jump else 0.1) * q,
+        gain=lambda q: np.ones((len(q), 1, 1)),
+        lower=[-np.pi],
+        upper=[np.pi],
+        nodes=40,
+        periodic=[True],
+        unsafe=[sdhj.UnsafeSet((0,), lambda q, t: np.abs(q[:, 0] - (2.9 if jump else 0.0)) - 0.2 + 3.0 * (not jump))],
+        delta=0.2,
+        steps=6,
     )
     drift = sdhj.BlackBox(lambda q, u, t: u + (0 if jump else 0.1) * q, slope=0.1, rate=0.0)
     boxed = dataclasses.replace(

@@ -35,20 +35,9 @@ def alone(function, states):
 
 
 def problem_with(function):
-    """A slider that must stay clear of a set of its place and its speed."""
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
-        sdhj.Dynamics(
-            [[-1.0], [0.0], [1.0]],
-            lambda q, u: np.stack([0.3 * q[:, 1], u + 0.0 * q[:, 0]], axis=1),
-            [[0.0], [1.0]],
-            [0.1],
-        ),
-        None,
-        [sdhj.UnsafeSet((0, 1), lambda p, t: function(p), name="awkward")],
-        0.1,
-        2,
-    )
+    """A cart that must stay clear of a set of its place and its speed."""
+    awkward_set = sdhj.UnsafeSet((0, 1), lambda p, t: function(p), name="awkward")
+    return zoo.cart(lower=[-1.0, -1.0], upper=[1.0, 1.0], nodes=9, unsafe=[awkward_set], steps=2)
 
 
 @pytest.mark.slow

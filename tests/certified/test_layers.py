@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import zoo
 from naive_certified import assert_runs_succeed
 
 import sdhj
@@ -18,21 +19,11 @@ from sdhj.solver.recursion import recursion
 BRAKES, PUSH = 4.0, 0.2
 
 
-def lane(q, u):
-    return np.stack([q[:, 1], np.full(len(q), u[0])], axis=1)
-
-
-def blocked(steps=None, target=None, **given):
+def blocked(target=None, **changed):
     """A car that cannot go back before something that blocks its lane from 50 to 52 m; m, m/s."""
-    usual = {
-        "grid": sdhj.Grid(
-            [0, 0], [100, 15], (101, 16), ends=[("unsafe", "safe" if target is None else "unsafe"), "wall"]
-        ),
-        "dynamics": sdhj.Dynamics([[-BRAKES], [0.0], [2.0]], lane, [[0], [1]], [PUSH]),
-        "unsafe": [sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 51) - 1, name="blocked")],
-        "delta": 0.5,
-    }
-    return sdhj.ReachAvoidProblem(target=target, steps=steps, **(usual | given))
+    usual = {"lower": [0, 0], "upper": [100, 15], "nodes": (101, 16), "unsafe": [zoo.post(51, 1, name="blocked")]}
+    usual["ends"] = [("unsafe", "safe" if target is None else "unsafe"), "wall"]
+    return zoo.cart((-BRAKES, 0.0, 2.0), PUSH, target=target, **usual | {"delta": 0.5} | changed)
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +227,9 @@ def test_standing_with_noise_is_proved_again(noisy, tmp_path):
 
 def to_the_goal(steps=30):
     """The car stops before the block: within some steps it stands, wherever."""
-    return blocked(steps, sdhj.TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0] - 20) - 12, p[:, 1] - 0.05)))
+    return blocked(
+        steps=steps, target=sdhj.TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0] - 20) - 12, p[:, 1] - 0.05))
+    )
 
 
 def test_runs_to_where_a_car_stands():
@@ -251,7 +244,7 @@ def test_runs_to_where_a_car_stands():
 @pytest.mark.slow
 def test_a_second_table_leads_to_where_the_first_one_stands(standing):
     """A certified table as a target: its layer counts where a cell of the second one is at the wall."""
-    problem = blocked(3, sdhj.TargetSet.from_table(standing))
+    problem = blocked(steps=3, target=sdhj.TargetSet.from_table(standing))
     second = sdhj.solve(problem, sdhj.Certified(cells=(200, 30)), progress=False, play=False)
     places = np.linspace(1.0, 49.0, 100)
     assert second.contains(np.stack([places, 0 * places], axis=1), within=0).all()

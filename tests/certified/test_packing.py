@@ -5,7 +5,7 @@ from dataclasses import replace
 import fleet
 import numpy as np
 import pytest
-from zoo import car
+from zoo import car, truck
 
 import sdhj
 from sdhj.certified import packing
@@ -16,21 +16,13 @@ def forklift():
     return replace(fleet.FLEET["forklift"]().problem(), steps=3)
 
 
-def turned():
-    """x, z, pitch, a rate: two axes that no velocity reads, and two others."""
-    grid = sdhj.Grid([-1.0, -2.0, -1.0, 0.0], [1.0, 2.0, 1.0, 6.0], [5] * 4, [True, False, False, False])
-    drift = lambda q, u: np.stack([np.sin(q[:, 2]), q[:, 3] - 3.0, 0.3 * q[:, 3] - 0.9, u[0] + 0.0 * q[:, 0]], axis=1)  # noqa: E731
-    target = sdhj.TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0]), np.abs(p[:, 1])) - 0.6)
-    return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics([[-4.0], [0.0], [4.0]], drift), target, [], 0.2, 4)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "cells", "axis"),
     [
         (car, (18, 70, 13), 1),
         (forklift, (24, 20, 21), 0),
-        (turned, (17, 20, 7, 9), 1),
+        (lambda: truck(ends="unsafe", steps=4), (17, 20, 12, 7), 1),
         (lambda: replace(car(), target=None, steps=None), (30, 20, 13), 0),
     ],
 )

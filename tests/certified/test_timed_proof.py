@@ -10,6 +10,7 @@ import judge
 import naive_certified as naive
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.general_proof import GeneralProof
@@ -43,16 +44,17 @@ class Case:
 
     def problem(self, drift=None):
         eye = np.eye(self.ndim)
-        dynamics = sdhj.Dynamics(
+        return (zoo.line, zoo.plane)[self.ndim - 1](
             self.inputs,
-            drift or (lambda x, u, t: self.drift(x, u, t)),
-            lambda q, u, t: self.gain(u, t) * eye,
-            lambda q, u, t: np.stack([self.bound(u, t)] * self.ndim),
+            drift=drift or (lambda x, u, t: self.drift(x, u, t)),
+            gain=lambda q, u, t: self.gain(u, t) * eye,
+            bounds=lambda q, u, t: np.stack([self.bound(u, t)] * self.ndim),
+            **{"lower": [-3.0] * self.ndim, "upper": [3.0] * self.ndim, "nodes": 31},
+            target=sdhj.TargetSet(tuple(range(self.ndim)), self.target),
+            unsafe=[sdhj.UnsafeSet((0,), self.unsafe, name="wall")],
+            delta=self.delta,
+            steps=self.steps,
         )
-        grid = sdhj.Grid([-3.0] * self.ndim, [3.0] * self.ndim, [31] * self.ndim)
-        target = sdhj.TargetSet(tuple(range(self.ndim)), self.target)
-        wall = sdhj.UnsafeSet((0,), self.unsafe, name="wall")
-        return sdhj.ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps)
 
     def black_box(self, **changed):
         """The same with a drift that cannot be read."""

@@ -5,12 +5,13 @@ seconds. By powers of two every number is scaled exactly, so tables are equal bi
 a node.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.cells import as_fraction, as_rounded_fraction
@@ -29,135 +30,101 @@ class Units:
     time: float = 1.0
 
 
-def axes(units, lower, upper, nodes, **given):
-    ends = [(np.array(end) * units.lengths).tolist() for end in (lower, upper)]
-    return sdhj.Grid(*ends, nodes, **given)
+MOVES, SETS = 0.5 * np.array(zoo.STEPS), {"target": zoo.goal(0.9, 0.7, 0.5), "unsafe": [zoo.post(0.0, 0.0, 0.3)]}
 
 
-def plane(units, has_no_target=False, sensing=None, black=False):
+def plane(**changed):
     """Inputs and gusts along two axes, past a post."""
-    (a, b), s = units.lengths, units.time
-    inputs = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]]) * units.lengths / s
-
-    def post(p, t):
-        return a * (np.hypot(p[:, 0] / a, p[:, 1] / b) - 0.3)
-
-    return sdhj.ReachAvoidProblem(
-        axes(units, [-2, -2], [2, 2], [21, 21]),
-        sdhj.Dynamics(inputs, inputs, np.eye(2), [0.1 * a / s, 0.1 * b / s]),
-        None
-        if has_no_target
-        else sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 0.9, p[:, 1] / b - 0.7) - 0.5)),
-        [sdhj.UnsafeSet((0, 1), sdhj.BlackBox(post, slope=a / min(a, b), rate=0.0) if black else post, name="post")],
-        0.25 * s,
-        None if has_no_target else 3,
-        sensing=sdhj.Sensing() if sensing is None else sensing(units),
-    )
+    return zoo.plane(MOVES, **{"nodes": 21, "delta": 0.25} | SETS | changed)
 
 
-def turning(units):
+def turning():
     """A plane that turns about its middle: velocities depend on the state."""
-    (a, b), s = units.lengths, units.time
-    inputs = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]) * units.lengths / s
-
-    def drift(q, u):
-        return np.stack([u[0] - 0.2 * a / b / s * q[:, 1], u[1] + 0.2 * b / a / s * q[:, 0]], axis=1)
-
-    return sdhj.ReachAvoidProblem(
-        axes(units, [-2, -2], [2, 2], [21, 21]),
-        sdhj.Dynamics(inputs, drift, np.eye(2), [0.1 * a / s, 0.1 * b / s]),
-        sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 0.9, p[:, 1] / b - 0.7) - 0.5)),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a, p[:, 1] / b) - 0.3))],
-        0.25 * s,
-        3,
-    )
+    return plane(drift=lambda q, u: np.stack([u[0] - 0.2 * q[:, 1], u[1] + 0.2 * q[:, 0]], axis=1))
 
 
-def car(units):
-    """A heading of another unit than the plane's, on a circle."""
-    (a, b, c), s = units.lengths, units.time
-
-    def drift(q, u):
-        heading = q[:, 2] / c
-        return np.stack([u[0] * a * np.cos(heading), u[0] * b * np.sin(heading), np.full(len(q), u[1] * c)], axis=1) / s
-
-    return sdhj.ReachAvoidProblem(
-        axes(units, [-2, -2, -np.pi], [2, 2, np.pi], [11, 11, 8], periodic=[False, False, True]),
-        sdhj.Dynamics(
-            [[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)],
-            drift,
-            [[1, 0], [0, 1], [0, 0]],
-            [0.1 * a / s, 0.1 * b / s],
-        ),
-        sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 1.2, p[:, 1] / b - 0.8) - 0.6)),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a, p[:, 1] / b) - 0.3))],
-        0.25 * s,
-        2,
-    )
+def car():
+    """Whose heading has another unit than the plane's."""
+    return zoo.car(nodes=[11, 11, 8], target=zoo.goal(1.2, 0.8, 0.6), unsafe=SETS["unsafe"], steps=2)
 
 
-def cart(units):
-    """On a rail with unsafe ends, for ever."""
-    (a, b), s = units.lengths, units.time
-    return sdhj.ReachAvoidProblem(
-        axes(units, [-1, -4], [1, 4], [21, 21]),
-        sdhj.Dynamics(
-            [[-3.0 * b / s], [0.0], [3.0 * b / s]],
-            lambda q, u: np.stack([q[:, 1] * (a / b) / s, np.full(len(q), u[0])], axis=1),
-            [[0.0], [1.0]],
-            [0.3 * b / s],
-        ),
-        None,
-        [],
-        0.1 * s,
-        None,
-    )
+def cart():
+    return zoo.cart(gust=0.3, lower=[-1.0, -4.0], upper=[1.0, 4.0], nodes=21)
 
 
-def tide(units):
+def tide():
     """A current that turns with the time, a wall that comes, walls at the ends."""
-    (a,), s = units.lengths, units.time
-    levels = [[-1.5 * a / s], [0.0], [1.5 * a / s]]
-    return sdhj.ReachAvoidProblem(
-        axes(units, [-3], [3], [31], ends="wall"),
-        sdhj.Dynamics(levels, lambda q, u, t: u + 1.2 * a / s * np.sin(5.0 * t / s) + 0.0 * q, [[1.0]], [0.05 * a / s]),
-        sdhj.TargetSet((0,), lambda p, t: a * (np.abs(p[:, 0] / a - 0.3 * t / s) - 0.7)),
-        [sdhj.UnsafeSet((0,), lambda p, t: a * (2.0 - 0.3 * t / s - p[:, 0] / a), name="wall")],
-        0.4 * s,
-        3,
+    return zoo.line(
+        (-1.5, 0.0, 1.5),
+        0.05,
+        drift=lambda q, u, t: u + 1.2 * np.sin(5.0 * t) + 0.0 * q,
+        **{"lower": [-3.0], "upper": [3.0], "nodes": 31, "ends": "wall"},
+        target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.3 * t) - 0.7),
+        unsafe=[sdhj.UnsafeSet((0,), lambda p, t: 2.0 - 0.3 * t - p[:, 0], name="wall")],
+        delta=0.4,
     )
 
 
-def shaky(units):
-    return sdhj.Sensing(
-        [0.01 * units.lengths[0], 0.02 * units.lengths[1]], 0.02 * units.time, 0.01 * units.time, memory=False
-    )
-
-
-ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solved, too
-    "plane": (plane, 2, [44, 44], True),
-    "turning": (turning, 2, [32, 32], True),
-    "car": (car, 3, [16, 16, 12], True),
-    "cart": (cart, 2, [40, 40], False),
-    "tide": (tide, 1, [120], True),
-    "sensed": (lambda units: plane(units, sensing=shaky), 2, [60, 60], False),
-    "staying": (lambda units: plane(units, has_no_target=True), 2, [40, 40], False),
-    "hidden": (lambda units: plane(units, black=True), 2, [44, 44], False),
+SHAKY = sdhj.Sensing([0.01, 0.02], 0.02, 0.01, memory=False)
+ROBOTS: dict[str, Any] = {  # the robot, cells, whether a grid is solved, too
+    "plane": (plane, [44, 44], True),
+    "turning": (turning, [32, 32], True),
+    "car": (car, [16, 16, 12], True),
+    "cart": (cart, [40, 40], False),
+    "tide": (tide, [120], True),
+    "sensed": (lambda: plane(sensing=SHAKY), [60, 60], False),
+    "staying": (lambda: plane(target=None, steps=None), [40, 40], False),
+    "hidden": (plane, [44, 44], False),
 }
+
+
+def stated(name, units):
+    """The robot in these units, its level sets in that of the first axis; what is hidden is a black box."""
+    problem, lengths, s = ROBOTS[name][0](), np.array(units.lengths), units.time
+    rows = dict(zip(map(tuple, problem.inputs), problem.dynamics.drift.rows, strict=True))
+    gain, bounds = (
+        one(np.zeros((1, lengths.size)), 0.0)[0, 0] for one in (problem.dynamics.gain, problem.dynamics.bounds)
+    )
+
+    def level(part):
+        own = lengths[list(part.axes)]
+        function = lambda p, t: lengths[0] * part.level_set(p / own, t / s)  # noqa: E731
+        if name == "hidden" and part is not problem.target:
+            function = sdhj.BlackBox(function, slope=lengths[0] / lengths.min(), rate=0.0)
+        return replace(part, level_set=function)
+
+    grid, sensing = problem.grid, problem.sensing
+    ends = [(np.array(end) * lengths).tolist() for end in (grid.lower, grid.upper)]
+    return replace(
+        problem,
+        grid=sdhj.Grid(*ends, grid.shape, grid.periodic, ends=grid.ends),
+        dynamics=sdhj.Dynamics(
+            problem.inputs,
+            lambda q, u, t: rows[tuple(u)](q / lengths, t / s) * lengths / s,
+            gain,
+            bounds * (gain.T @ lengths) / s,
+        ),
+        target=None if problem.has_no_target else level(problem.target),
+        unsafe=[level(part) for part in problem.unsafe],
+        delta=problem.delta * s,
+        sensing=replace(sensing, error=sensing.error * lengths, delay=sensing.delay * s, jitter=sensing.jitter * s),
+    )
 
 
 @cache
 def solved(name, units, method):
-    make, _, cells, _ = ROBOTS[name]
+    cells = ROBOTS[name][1]
     return sdhj.solve(
-        make(units), sdhj.Certified(cells, parts=3) if method == "certified" else method, progress=False, play=False
+        stated(name, units),
+        sdhj.Certified(cells, parts=3) if method == "certified" else method,
+        progress=False,
+        play=False,
     )
 
 
 def in_units(name, length, time=1.0):
     """All axes in other units, each a little other."""
-    count = ROBOTS[name][1]
-    return Units(tuple(length * 2.0 ** (2 * axis) for axis in range(count)), time)
+    return Units(tuple(length * 2.0 ** (2 * axis) for axis in range(len(ROBOTS[name][1]))), time)
 
 
 pytestmark = pytest.mark.filterwarnings("ignore::sdhj.common.findings.ResolutionWarning")
@@ -236,18 +203,14 @@ def test_numbers_are_read_alike_at_every_power_of_two(value):
 @pytest.mark.slow
 def test_a_promised_run_has_a_reserve_for_rounding():
     """From states bisected to the boundary of what `contains` says, none is without an answer after a step."""
-    inputs = np.array([[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)])
-
-    def drift(q, u):
-        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
-
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], [21, 21, 16], [False, False, True]),
-        sdhj.Dynamics(inputs, drift, [[1, 0], [0, 1], [0, 0]], [0.05, 0.05]),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.7, p[:, 1] - 0.5) - 0.5),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.1, p[:, 1] + 0.2) - 0.3)],
-        0.175,
-        8,
+    problem = zoo.car(
+        [(v, w) for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)],
+        0.05,
+        **{"lower": [-1.5, -1.5, -np.pi], "upper": [1.5, 1.5, np.pi], "nodes": [21, 21, 16]},
+        target=zoo.goal(0.7, 0.5, 0.5),
+        unsafe=[zoo.post(-0.1, -0.2, 0.3)],
+        delta=0.175,
+        steps=8,
     )
     table, rng = sdhj.solve(problem, sdhj.Certified([40, 40, 36]), play=False), np.random.default_rng(0)
     controller, grid = sdhj.Controller(table), problem.grid
@@ -263,7 +226,7 @@ def test_a_promised_run_has_a_reserve_for_rounding():
     first = controller.batch(grid.wrapped(inside), 0)
     assert len(inside) > 200 and first.promised[first.steps_to_go > 0].all()
     pushes, at = 0.05 * np.sign(rng.normal(size=(len(inside), 2))), grid.wrapped(inside)
-    u, h = inputs[first.best], 0.175 / 200
+    u, h = problem.inputs[first.best], 0.175 / 200
 
     def velocity(z):
         moved = [u[:, 0] * np.cos(z[:, 2]) + pushes[:, 0], u[:, 0] * np.sin(z[:, 2]) + pushes[:, 1], u[:, 1]]
@@ -293,13 +256,14 @@ def test_borders_may_coincide(half, tmp_path):
     }
     found = []
     for name, box in written.items():
-        one = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-2, -2], [2, 2], [33, 33], ends="wall"),
-            sdhj.Dynamics([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]),
-            sdhj.TargetSet((0, 1), box),
-            [],
-            0.25,
-            4,
+        one = zoo.plane(
+            [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]],
+            **zoo.ALONE,
+            nodes=33,
+            ends="wall",
+            target=sdhj.TargetSet((0, 1), box),
+            delta=0.25,
+            steps=4,
         )
         table = sdhj.solve(one, sdhj.Certified([32, 32]), progress=False, play=False)
         table.save(tmp_path / "box.npz")

@@ -5,6 +5,7 @@ import dataclasses
 import naive_projections as naive
 import numpy as np
 import pytest
+import zoo
 from extra_conservativeness import compare, distance_to, hausdorff
 from hypothesis import given
 from hypothesis import strategies as st
@@ -63,11 +64,15 @@ def test_the_rows_are_the_volumes_of_the_tables(tables):
 
 def test_a_tube_made_smaller_by_a_known_distance_is_that_far_away():
     """|q| <= 1.03 against |q| <= 0.63: 0.4, with the other axis held or left free (the ends lie off the nodes)."""
-    drift = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    grid = Grid([-2.0, 0.0], [2.0, 1.0], [41, 5], names=["q", "p"])
-    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.03)
-    problem = sdhj.ReachAvoidProblem(
-        grid, sdhj.Dynamics([[-1.0], [1.0]], drift, np.eye(2), [0.1, 0.1]), target, (), 0.1, 1
+    problem = zoo.pursued_on_a_line(
+        lower=[-2.0, 0.0],
+        nodes=[41, 5],
+        names=["q", "p"],
+        gain=np.eye(2),
+        bounds=[0.1, 0.1],
+        target=zoo.goal(0.0, 1.03),
+        delta=0.1,
+        steps=1,
     )
     full = sdhj.solve(problem, sdhj.HopfLax(), progress=False)
     smaller = dataclasses.replace(full, tubes=read_only(full.tubes + 0.4))

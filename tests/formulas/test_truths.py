@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 
-GRID = sdhj.Grid([-2.0], [2.0], [41])
 TIMES = (0.0, 0.3, 0.5, 0.7, 1.0, 1.7, 3.0)
 GATES = {  # of the time; each stands in np.where, or is a number
     "~": lambda t: ~(t > 0.5),
@@ -61,9 +61,17 @@ def test_a_gate_of_the_time_is_what_python_says_or_refused(name):
 
     try:
         unsafe = sdhj.UnsafeSet((0,), level)
-        moves = [[-0.5], [0.5]]
-        goal = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.2) - 0.4)
-        problem = sdhj.ReachAvoidProblem(GRID, sdhj.Dynamics(moves, moves), goal, [unsafe], 0.25, 12)
+        problem = zoo.line(
+            (-0.5, 0.5),
+            lower=[-2.0],
+            upper=[2.0],
+            nodes=41,
+            **zoo.ALONE,
+            target=zoo.goal(1.2, 0.4),
+            unsafe=[unsafe],
+            delta=0.25,
+            steps=12,
+        )
     except ValueError as error:
         assert "sdhj.BlackBox(" in str(error) or "its formula says" in str(error)
         return

@@ -265,6 +265,25 @@ def chain(**changed):
     )
 
 
+def truck(**changed):
+    """x, y, heading and speed, which inputs change: the velocities read two of the four axes, one of them turns."""
+
+    def drift(q, u):
+        heading, speed = q[:, 2], q[:, 3]
+        return np.stack([speed * np.cos(heading), speed * np.sin(heading), speed * u[1], u[0] - 0.1 * speed**2], axis=1)
+
+    return made(
+        changed,
+        **{"lower": [-2, -2, -np.pi, 0], "upper": [2, 2, np.pi, 1.5], "nodes": [17, 17, 16, 9], "ends": "wall"},
+        **{"periodic": [False, False, True, False], "drift": drift, "gain": np.eye(4)[:, :2], "bounds": [0.05, 0.05]},
+        inputs=[(pull, turn) for pull in (-1.0, 0.0, 1.0) for turn in (-1.0, 0.0, 1.0)],
+        target=goal(0.0, 0.0, 0.6),
+        unsafe=[],
+        delta=0.3,
+        steps=2,
+    )
+
+
 def chased(**changed):
     """Five axes: a car with its heading, and a pursuer that moves along two axes."""
 

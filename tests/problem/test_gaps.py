@@ -352,11 +352,16 @@ def test_advice_for_an_elbow_of_two_turns() -> None:
 
     def elbow(*nodes: int) -> ReachAvoidProblem:
         moves = np.array([[x, y] for x in U for y in U])
-        return ReachAvoidProblem(
-            Grid([-np.pi, -2 * np.pi], [np.pi, 2 * np.pi], nodes, [True, False], ["shoulder", "elbow"]),
-            Dynamics(moves, moves, np.eye(2), [0.05, 0.05]),
-            TargetSet((0, 1), place),
-            [UnsafeSet((1,), lambda p, t: np.cos(p[:, 0]) - np.cos(np.pi - 0.35), name="folded")],
+        return zoo.plane(
+            moves,
+            0.05,
+            lower=[-np.pi, -2 * np.pi],
+            upper=[np.pi, 2 * np.pi],
+            nodes=nodes,
+            periodic=[True, False],
+            names=["shoulder", "elbow"],
+            target=TargetSet((0, 1), place),
+            unsafe=[UnsafeSet((1,), lambda p, t: np.cos(p[:, 0]) - np.cos(np.pi - 0.35), name="folded")],
             delta=DELTA,
             steps=60,
         )

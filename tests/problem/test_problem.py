@@ -16,7 +16,6 @@ from sdhj import (
     Controller,
     Dynamics,
     Grid,
-    ReachAvoidProblem,
     TargetSet,
     UnsafeSet,
     monte_carlo,
@@ -167,18 +166,16 @@ def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
         assert (points[:, 0] >= -np.pi).all() and (points[:, 0] < np.pi).all()
         return points
 
-    problem = ReachAvoidProblem(
-        grid,
-        Dynamics(
-            [[-2.0], [2.0]],
-            BlackBox(lambda p, u, t: np.stack([u[0] + 0 * on_the_grid(p)[:, 0], 0 * p[:, 0]], axis=1), rate=0.0),
-            BlackBox(lambda p, u, t: np.broadcast_to([[1.0], [0.0]], (len(on_the_grid(p)), 2, 1)), rate=0.0),
-            [0.1],
-        ),
-        TargetSet((0,), BlackBox(lambda p, t: np.abs(on_the_grid(p)[:, 0] - 2.0) - 0.5, rate=0.0)),
-        (UnsafeSet((0,), BlackBox(lambda p, t: np.abs(on_the_grid(p)[:, 0]) - 0.3, rate=0.0)),),
-        0.2,
-        5,
+    problem = plane(
+        [[-2.0], [2.0]],
+        drift=BlackBox(lambda p, u, t: np.stack([u[0] + 0 * on_the_grid(p)[:, 0], 0 * p[:, 0]], axis=1), rate=0.0),
+        gain=BlackBox(lambda p, u, t: np.broadcast_to([[1.0], [0.0]], (len(on_the_grid(p)), 2, 1)), rate=0.0),
+        bounds=[0.1],
+        grid=grid,
+        target=TargetSet((0,), BlackBox(lambda p, t: np.abs(on_the_grid(p)[:, 0] - 2.0) - 0.5, rate=0.0)),
+        unsafe=(UnsafeSet((0,), BlackBox(lambda p, t: np.abs(on_the_grid(p)[:, 0]) - 0.3, rate=0.0)),),
+        delta=0.2,
+        steps=5,
     )
     controller = Controller(solve(problem, progress=False))
     for adversary in ("random", "aggressive", "worst"):

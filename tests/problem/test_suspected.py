@@ -12,20 +12,15 @@ from sdhj.solver.findings import suspicions
 PI = np.pi
 
 
-def car(low, high, *, turn=1.0, unit=1.0, delta=0.25, target=None, **ends):
+def car(low, high, *, turn=1.0, unit=1.0, **changed):
     """A car in the plane; `unit` is that of its heading, in radians, and `turn` its rate, in units per second."""
 
     def drift(q, u):
         return np.stack([np.cos(unit * q[:, 2]), np.sin(unit * q[:, 2]), np.full(len(q), u[0])], axis=1)
 
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0, low], [2.0, 2.0, high], [21, 21, 32], names=["x", "y", "heading"], **ends),
-        sdhj.Dynamics([[-turn], [0.0], [turn]], drift, [[1, 0], [0, 1], [0, 0]], [0.1, 0.1]),
-        target or sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
-        [],
-        delta,
-        2,
-    )
+    usual = {"lower": [-2.0, -2.0, low], "upper": [2.0, 2.0, high], "nodes": [21, 21, 32], "periodic": None}
+    usual |= {"ends": None, "names": ["x", "y", "heading"], "unsafe": [], "delta": 0.25, "steps": 2}
+    return unicycle_problem((-turn, 0.0, turn), **usual | {"drift": drift} | changed)
 
 
 def outside(p, t):

@@ -20,33 +20,16 @@ OCTAGON, SIDES = np.stack([np.cos(ANGLES), np.sin(ANGLES)]), np.full(4, 0.3 * np
 COMPASS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 
 
-def gust(nodes=61, *, gain=DIAGONAL, bounds=(0.9,), steps=10, **more):
+def gust(**changed):
     """A point that is pushed along (1, 1), between two posts on a torus."""
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [nodes, nodes], periodic=[True, True]),
-        dynamics=sdhj.Dynamics(COMPASS, COMPASS, gain, bounds),
-        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.55, p[:, 1]) - 0.3),
-        unsafe=[
-            sdhj.UnsafeSet(
-                (0, 1),
-                lambda p, t: np.minimum(np.hypot(p[:, 0], p[:, 1] - 0.3), np.hypot(p[:, 0], p[:, 1] + 0.3)) - 0.15,
-                name="posts",
-            )
-        ],
-        delta=0.1,
-        steps=steps,
-        **more,
-    )
+    usual = {"gain": DIAGONAL, "bounds": (0.9,), "target": zoo.goal(0.55, 0.0, 0.3)}
+    return zoo.between_posts(COMPASS, **usual | changed)
 
 
-def octagon(nodes=(81, 61), *, gain=OCTAGON, bounds=SIDES, speed=0.5, steps=24):
+def octagon(*, speed=0.5, **changed):
     """A point in a room with a post, pushed by anything in an octagon around a disk of radius 0.3."""
-    return zoo.walk(
-        grid=sdhj.Grid([0.0, 0.0], [4.0, 3.0], nodes),
-        dynamics=sdhj.Dynamics(COMPASS, speed * COMPASS, gain, bounds),
-        unsafe=[zoo.post(2.0, 1.5, 0.5)],
-        steps=steps,
-    )
+    usual = {"inputs": COMPASS, "drift": speed * COMPASS, "gain": OCTAGON, "bounds": SIDES, "steps": 24}
+    return zoo.walk(**usual | {"unsafe": [zoo.post(2.0, 1.5, 0.5)]} | changed)
 
 
 def solved(problem, method):
@@ -110,9 +93,12 @@ def test_inputs_with_other_segments_have_their_own(rng):
 def segments_of(gain, *, drift=((1.0, 0.0), (-1.0, 0.5)), ends="unsafe", bounds=None, axes=(0, 1), periodic=None):
     bounds = np.ones(np.shape(gain)[1]) if bounds is None else bounds
     inputs = np.arange(float(len(drift)))[:, None]
-    grid = sdhj.Grid([-1.0] * len(drift[0]), [1.0] * len(drift[0]), [11] * len(drift[0]), periodic, ends=ends)
-    dynamics = sdhj.Dynamics(inputs, np.array(drift), gain, bounds)
-    return sdhj.ReachAvoidProblem(grid, dynamics, None, [], 0.1, 1).interval(0).segments(axes)
+    box = {"lower": [-1.0] * len(drift[0]), "upper": [1.0] * len(drift[0]), "periodic": periodic, "ends": ends}
+    return (
+        zoo.plane(inputs, drift=drift, gain=gain, bounds=bounds, **box, target=None, delta=0.1)
+        .interval(0)
+        .segments(axes)
+    )
 
 
 def test_components_that_move_one_axis_are_no_segments():
@@ -200,8 +186,8 @@ def test_the_games_converge_to_brute_force():
     """The set where the winner is not the same shrinks with the nodes: 3 steps of the gust at 41 to 161 nodes."""
     errors = []
     for nodes in (41, 81, 161):
-        problem = gust(nodes, steps=3)
-        fine = solved(gust(321, steps=3), "hji")
+        problem = gust(nodes=nodes, steps=3)
+        fine = solved(gust(nodes=321, steps=3), "hji")
         points = problem.grid.points()
         got = solved(problem, "lax").values(start=0, within=3) <= 0
         errors.append(np.mean(got.ravel() != fine.contains(points, start=0, within=3)))
@@ -210,7 +196,7 @@ def test_the_games_converge_to_brute_force():
 
 def carried(drift):
     """The gust on a conveyor."""
-    return replace(gust(41, steps=3), dynamics=sdhj.Dynamics(COMPASS, drift, DIAGONAL, [0.9]))
+    return replace(gust(nodes=41, steps=3), dynamics=sdhj.Dynamics(COMPASS, drift, DIAGONAL, [0.9]))
 
 
 @pytest.mark.slow
@@ -267,9 +253,9 @@ def states_of(table, rng, count=4000):
 
 CASES = {
     "gust": gust,
-    "gust, fine": lambda: gust(121),
+    "gust, fine": lambda: gust(nodes=121),
     "octagon": octagon,
-    "octagon, fine": lambda: octagon((161, 121)),
+    "octagon, fine": lambda: octagon(nodes=(161, 121)),
 }
 
 
@@ -357,20 +343,9 @@ def drifted(angle_end=np.pi, nodes=(41, 41, 24)):
         c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
         return np.stack([np.stack([c, -s], 1), np.stack([s, c], 1), np.zeros((len(q), 2))], axis=1)
 
-    turns = np.array([[-1.0], [0.0], [1.0]])
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, angle_end], nodes, periodic=[False, False, True]),
-        sdhj.Dynamics(
-            turns,
-            lambda q, u: np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1),
-            gain,
-            [0.05, 0.5],
-        ),
-        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5),
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.3, name="buoy")],
-        0.3,
-        4,
-    )
+    box = {"lower": [-2.0, -2.0, -np.pi], "upper": [2.0, 2.0, angle_end], "nodes": nodes, "ends": "unsafe"}
+    sets = {"target": zoo.goal(1.0, 0.0, 0.5), "unsafe": [zoo.post(0.0, 0.0, 0.3, name="buoy")]}
+    return zoo.unicycle_problem((-1.0, 0.0, 1.0), gain=gain, bounds=[0.05, 0.5], **box, **sets, delta=0.3, steps=4)
 
 
 def test_gains_that_turn_with_the_state_are_seen_too(rng):
@@ -416,7 +391,7 @@ def test_too_many_points_are_a_box():
     """Ten segments of ten cells: 4,096 points are looked at, of more the box."""
     angles = 0.1 + np.pi / 10 * np.arange(10)
     gain = np.stack([np.cos(angles), np.sin(angles)])
-    problem = octagon((161, 121), gain=gain, bounds=np.full(10, 0.2), steps=1)
+    problem = octagon(nodes=(161, 121), gain=gain, bounds=np.full(10, 0.2), steps=1)
     table = solved(problem, "hji")
     states = np.array([[3.4, 1.5]])
     low, high = problem.interval(0).reachable_boxes(states)
@@ -428,11 +403,11 @@ def test_too_many_points_are_a_box():
 @pytest.mark.slow
 def test_the_filter_lets_pass_what_the_box_refuses(rng):
     """The same states behind the filter: nearly all have a promise, and the worst adversary breaks few."""
-    table = solved(gust(121), "hji")
+    table = solved(gust(nodes=121), "hji")
     states, _, _ = states_of(table, rng, 2000)
     found = sdhj.Controller(table).filter(states, 0, np.zeros(len(states), int))
     assert np.mean(found.promised) > 0.97
-    square = solved(gust(121, gain=np.eye(2), bounds=[0.9 / np.sqrt(2)] * 2), "hji")
+    square = solved(gust(nodes=121, gain=np.eye(2), bounds=[0.9 / np.sqrt(2)] * 2), "hji")
     assert square.fraction(start=0) < 0.6 * table.fraction(start=0)
     played = table.played(runs=400, seed=1)
     assert played.lost <= 0.02 * played.runs

@@ -58,11 +58,16 @@ def drone() -> sdhj.ReachAvoidProblem:
     """It flies at 12 m/s in gusts of 3, and keeps 300 m from an aircraft of 50 m/s, from which it is seen."""
     turn = np.arange(16) * np.pi / 8
     inputs = np.vstack([[0.0, 0.0], 12 * np.stack([np.cos(turn), np.sin(turn)], axis=1)])
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-600, -800], [1800, 800], [61, 41], ends="safe"),
-        dynamics=sdhj.Dynamics(inputs, inputs - np.array([50.0, 0.0]), np.eye(2), [3.0, 3.0]),
+    return zoo.plane(
+        inputs,
+        3.0,
+        drift=inputs - np.array([50.0, 0.0]),
+        lower=[-600, -800],
+        upper=[1800, 800],
+        nodes=[61, 41],
+        ends="safe",
         target=None,
-        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 300.0, name="aircraft")],
+        unsafe=[zoo.post(0.0, 0.0, 300.0, name="aircraft")],
         delta=1.0,
         steps=2,
     )

@@ -5,7 +5,7 @@ import dataclasses
 import judge
 import numpy as np
 import pytest
-from zoo import interval_problem, unicycle_problem
+from zoo import interval_problem, plane, unicycle_problem
 
 import sdhj
 from sdhj.formulas.graph import ordered
@@ -125,17 +125,10 @@ def disk(p, t):
 
 
 def leg(place, **changed):
-    inputs = INPUTS[place]
-    grid = sdhj.Grid([-2.5, -1.5], [2.5, 1.5], (51, 31))
-    given = {"target": sdhj.TargetSet((0, 1), goal)} | changed
-    return sdhj.ReachAvoidProblem(
-        grid=grid,
-        dynamics=sdhj.Dynamics(inputs, lambda p, u: u + 0.1 * np.sin(p[:, ::-1]), np.eye(2), [WIND[place]] * 2),
-        unsafe=[sdhj.UnsafeSet((0, 1), disk, name="disk")],
-        delta=DELTA,
-        steps=STEPS,
-        **given,
-    )
+    usual = {"lower": [-2.5, -1.5], "upper": [2.5, 1.5], "nodes": (51, 31), "delta": DELTA, "steps": STEPS}
+    usual |= {"target": sdhj.TargetSet((0, 1), goal), "unsafe": [sdhj.UnsafeSet((0, 1), disk, name="disk")]}
+    drift = lambda p, u: u + 0.1 * np.sin(p[:, ::-1])  # noqa: E731
+    return plane(INPUTS[place], WIND[place], drift=drift, **usual | changed)
 
 
 @pytest.mark.slow

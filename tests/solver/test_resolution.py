@@ -9,7 +9,7 @@ import pytest
 import zoo
 
 import sdhj
-from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import Controller, Grid, TargetSet, UnsafeSet
 from sdhj.common.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells, least_of_cells
 from sdhj.problem.samples import Samples
@@ -176,16 +176,11 @@ def turning(q, u):
     return np.stack([u[:, 0] * np.cos(q[:, 2]), u[:, 0] * np.sin(q[:, 2]), u[:, 1]], axis=1)
 
 
-def hall(level, nodes=31):
-    """A unicycle on 6 m x 6 m, by default nodes 0.2 m apart; behind x = 3 is the target."""
-    return ReachAvoidProblem(
-        Grid([0.0, 0.0, -np.pi], [6.0, 6.0, np.pi], [nodes, nodes, 24], [False, False, True]),
-        Dynamics(TURNS, lambda q, u: turning(q, np.tile(u, (len(q), 1))), np.zeros((3, 1)), [0.0]),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 4.6, p[:, 1] - 3.0) - 0.6),
-        (UnsafeSet((0, 1), lambda p, t: level(p), name="it"),),
-        delta=0.3,
-        steps=20,
-    )
+def hall(level):
+    """A car on 6 m x 6 m, nodes 0.2 m apart; behind x = 3 is the target."""
+    box = {"lower": [0.0, 0.0, -np.pi], "upper": [6.0, 6.0, np.pi], "nodes": [31, 31, 24]}
+    sets = {"target": zoo.goal(4.6, 3.0, 0.6), "unsafe": [UnsafeSet((0, 1), lambda p, t: level(p), name="it")]}
+    return zoo.car(TURNS, gain=np.zeros((3, 1)), bounds=[0.0], **box, **sets, delta=0.3, steps=20)
 
 
 def wall(x, half):
@@ -236,8 +231,14 @@ def test_problems_that_share_a_set_have_samples_of_their_own():
 def test_a_set_that_ends_where_a_periodic_axis_begins_anew_is_told(low):
     def ring(level_set, axes=(0, 1)):
         grid = Grid([low, -1.0], [low + 2 * np.pi, 1.0], [60, 21], [True, False], names=["angle", "height"])
-        speeds = [[-1.0, 0.0], [1.0, 0.0]]
-        return ReachAvoidProblem(grid, Dynamics(speeds, speeds), None, [UnsafeSet(axes, level_set)], 0.1, 3)
+        return zoo.plane(
+            [[-1.0, 0.0], [1.0, 0.0]],
+            **zoo.ALONE,
+            grid=grid,
+            target=None,
+            unsafe=[UnsafeSet(axes, level_set)],
+            delta=0.1,
+        )
 
     at = low + 2 * np.pi - 0.1
     with pytest.warns(ResolutionWarning, match="periodic axis angle ends"):
@@ -258,7 +259,17 @@ def on_the_ring(drift=FREE, target=CLOSE, axes=(0,), level=BACKWARDS, sampling="
     speeds = [[-1.0, 0.0], [1.0, 0.0], [0.0, 0.5], [0.0, -0.5], [0.0, 0.0]]
     goal = None if target is None else TargetSet((0, 1), target)
     unsafe = [UnsafeSet(axes, level, name="o", sampling=sampling)]
-    return ReachAvoidProblem(RING, Dynamics(speeds, drift, [[1.0], [0.0]], [0.1]), goal, unsafe, 0.2, 4)
+    return zoo.plane(
+        speeds,
+        drift=drift,
+        gain=[[1.0], [0.0]],
+        bounds=[0.1],
+        grid=RING,
+        target=goal,
+        unsafe=unsafe,
+        delta=0.2,
+        steps=4,
+    )
 
 
 CUT = lambda p, t: np.abs(p[:, 0] - np.pi) - 0.3  # noqa: E731

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 from plain import run_plainly
-from zoo import interval_problem, torus_problem, unicycle_problem
+from zoo import ALONE, chain, chase, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import Grid, Scheme
@@ -206,13 +206,16 @@ def test_sampled_velocities_stay_within_what_is_stated(gain, method):
         still = np.zeros(len(q))
         return np.stack([u[0] * np.cos(q[:, 1]), u[1] + still, still], axis=1)
 
-    problem = sdhj.ReachAvoidProblem(
-        Grid([-1] * 3, [1] * 3, [25] * 3),
-        sdhj.Dynamics(inputs, drift, gain, [0.1] * 3),
-        sdhj.TargetSet((0, 1), lambda q, t: np.hypot(q[:, 0], q[:, 1]) - 0.4),
-        (sdhj.UnsafeSet((0, 1, 2), lambda q, t: np.hypot(q[:, 0] - q[:, 2], q[:, 1]) - 0.3),),
-        0.1,
-        1,
+    problem = chase(
+        inputs=inputs,
+        drift=drift,
+        gain=gain,
+        bounds=[0.1] * 3,
+        lower=[-1.0] * 3,
+        upper=[1.0] * 3,
+        nodes=25,
+        delta=0.1,
+        steps=1,
     )
     sdhj.solve(problem, method, progress=False)  # compiles
     tracemalloc.start()
@@ -243,11 +246,10 @@ def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch
         looked.append(len(points))
         return np.abs(points).max(axis=1) - 0.5
 
-    half, still = sdhj.TargetSet((0, 1, 2, 3), sdhj.BlackBox(sampled)), np.zeros((1, 4))
-    dynamics = sdhj.Dynamics(still, still, np.eye(4), [0.0] * 4)
+    half = sdhj.TargetSet((0, 1, 2, 3), sdhj.BlackBox(sampled))
 
     def boxed(nodes):
-        return sdhj.ReachAvoidProblem(Grid([-1] * 4, [1] * 4, [nodes] * 4), dynamics, half, (), 0.1, 1)
+        return chain(inputs=[[0.0]], drift=np.zeros((1, 4)), **ALONE, nodes=nodes, target=half, unsafe=(), steps=1)
 
     for make, method, many in (
         (sdhj.arm_case_study, "hji", (160, 170, 180, 200, 220, 1000)),

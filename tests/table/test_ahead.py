@@ -12,7 +12,7 @@ import pytest
 import zoo
 
 import sdhj
-from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet
+from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem
 from sdhj.kernels.true_sets import TRUE_SETS_TOO
 from sdhj.table.batches import Table
 from sdhj.table.table import LookupTable
@@ -44,24 +44,6 @@ def boat(drift: Any = None, gain: Any = gusts, **others: Any) -> ReachAvoidProbl
     return zoo.plane(**usual | others)
 
 
-def truck() -> ReachAvoidProblem:
-    """x, y, heading and speed, which inputs change: the velocities read two of the four axes, one of them turns."""
-    inputs = np.array([[pull, turn] for pull in (-1.0, 0.0, 1.0) for turn in (-1.0, 0.0, 1.0)])
-
-    def drift(q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        heading, speed = q[:, 2], q[:, 3]
-        return np.stack([speed * np.cos(heading), speed * np.sin(heading), speed * u[1], u[0] - 0.1 * speed**2], axis=1)
-
-    return ReachAvoidProblem(
-        Grid([-2, -2, -np.pi, 0], [2, 2, np.pi, 1.5], [17, 17, 16, 9], [False, False, True, False], ends="wall"),
-        Dynamics(inputs, drift, np.eye(4)[:, :2], [0.05, 0.05]),
-        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.6),
-        (),
-        0.3,
-        2,
-    )
-
-
 def jump(q: np.ndarray, u: np.ndarray) -> np.ndarray:
     return u * np.where(q[:, :1] > 0.123, 1.0, 0.5)
 
@@ -91,7 +73,7 @@ PROBLEMS: dict[str, Callable[[], ReachAvoidProblem]] = {
     "car": lambda: zoo.unicycle_problem(nodes=(17, 17, 16)),
     "boat": boat,
     "tide": lambda: boat(tide),
-    "truck": truck,
+    "truck": zoo.truck,
     "kink": lambda: boat(kinked, grid=Grid([-2, -2], [2, 2], [31, 41])),
     "seam": lambda: boat(seam, np.eye(2), grid=TORUS),
     "slip": lambda: boat(gain=slip),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import zoo
 
 import sdhj
 from sdhj.certified.check.formulas import read
@@ -40,10 +41,7 @@ FUNCTIONS = {
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_every_sample_is_inside(name, rng):
     """By both libraries, which agree."""
-    still = sdhj.Dynamics([[0.0]], np.zeros((1, 3)), np.eye(3), np.zeros(3))
-    problem = sdhj.ReachAvoidProblem(
-        sdhj.Grid([-2.0] * 3, [2.0] * 3, [5] * 3), still, None, [sdhj.UnsafeSet((0, 1, 2), FUNCTIONS[name])], 0.1, 1
-    )
+    problem = zoo.chase(unsafe=[sdhj.UnsafeSet((0, 1, 2), FUNCTIONS[name])])
     told, arrays = described(problem)["formulas"]["functions"]["unsafe 0"], arrays_of(problem)
     checked = read("unsafe 0", told, 3, 1, lambda number, axes: arrays[f"tables/{number}"])
     centre = rng.uniform(-2, 2, (3000, 3))
