@@ -8,7 +8,6 @@ numbers below the controls.
 import ast
 import json
 import os
-import re
 import shutil
 import socket
 import subprocess
@@ -38,6 +37,7 @@ HAS_KERNEL = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.k
 OUTPUTS = f"{CELLS}.map(cell => cell.model.sharedModel.getOutputs())"
 FAILED = f"{OUTPUTS}.flat().some(output => output.output_type === 'error')"  # the cells below do not run
 ENDED = f"({CELLS}.every(cell => cell.model.executionCount > 0) || {FAILED}) && {HAS_KERNEL}"
+WIDGET = "application/vnd.jupyter.widget-view+json"
 GREYED = "(control) => control.closest('[disabled]') !== null"
 
 
@@ -141,25 +141,6 @@ def opened(lab: tuple[Any, str, Path]) -> Any:
 # ---- what a chapter's widgets need
 
 
-def names_of(tree: ast.AST, kind: type[ast.expr_context]) -> set[str]:
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, kind)}
-
-
-def read_by(statement: ast.stmt) -> set[str]:
-    """The names whose values a statement needs; what it adds to (`x += 1`) is among them."""
-    added = [node.target for node in ast.walk(statement) if isinstance(node, ast.AugAssign)]
-    return names_of(statement, ast.Load).union(*(names_of(target, ast.Store) for target in added))
-
-
-def made_by(statement: ast.stmt) -> set[str]:
-    """The names that a statement gives a value to."""
-    if isinstance(statement, ast.Import | ast.ImportFrom):
-        return {(alias.asname or alias.name).split(".")[0] for alias in statement.names}
-    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
-        return {statement.name}
-    return set() if isinstance(statement, ast.Expr) else names_of(statement, ast.Store)
-
-
 def is_widget(statement: ast.stmt) -> bool:
     """A call of explore_something(...) on a line of its own."""
     call = statement.value if isinstance(statement, ast.Expr) else None
@@ -167,22 +148,15 @@ def is_widget(statement: ast.stmt) -> bool:
 
 
 def widget_cells(path: Path) -> list[str]:
-    """The widgets of a chapter, each in a cell with the statements before it that it needs."""
+    """The widgets of a chapter, each at the end of a cell with what is defined before it, less what is only shown."""
     code = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
-    statements = [statement for cell in code for statement in ast.parse(cell).body]
-    cells: list[str] = []
-    done: set[int] = set()
-    for place in (place for place, statement in enumerate(statements) if is_widget(statement)):
-        needed, wanted = {place}, set[str]()
-        while True:  # a function may need what is defined below it
-            loads = set().union(*(read_by(statements[i]) for i in needed))
-            if loads == wanted:
-                break
-            wanted = loads
-            needed |= {i for i in range(place) if made_by(statements[i]) & wanted}
-        cells.append("\n".join(ast.unparse(statements[i]) for i in sorted(needed - done)))
-        done |= needed
-    return cells
+    cells: list[list[str]] = [[]]
+    for statement in (statement for cell in code for statement in ast.parse(cell).body):
+        if is_widget(statement) or not isinstance(statement, ast.Expr):
+            cells[-1].append(ast.unparse(statement))
+        if is_widget(statement):
+            cells.append([])
+    return ["\n".join(cell) for cell in cells[:-1]]
 
 
 # ---- a widget, as somebody at the screen sees and moves it
@@ -192,7 +166,7 @@ class Seen:
     """A widget in the browser, by the place of its cell."""
 
     def __init__(self, page: Any, place: int) -> None:
-        self.page, self.cell = page, page.locator(".jp-CodeCell").nth(place)
+        self.page, self.place, self.cell = page, place, page.locator(".jp-CodeCell").nth(place)
         self.cell.scroll_into_view_if_needed()
         self.picture = self.cell.locator(".jp-RenderedHTML img")
         self.picture.wait_for()
@@ -229,10 +203,12 @@ class Seen:
         """The controls of a kind that can be moved: ".noUi-handle", "select", "input[type=number]"."""
         return [one for one in self.cell.locator(kind).all() if one.is_visible() and not one.evaluate(GREYED)]
 
-    def labelled(self, label: str) -> Any:
-        """The control with a label: the handle of a slider, a drop-down list or a number box."""
-        box = self.cell.locator(".widget-inline-hbox", has=self.page.get_by_text(label, exact=True))
-        return box.locator(".noUi-handle, select, input[type=number]").first
+    @property
+    def shown_first(self) -> str:
+        """What a page without a kernel says that the picture shows: the first setting, before the browser had it."""
+        outputs = self.page.evaluate(OUTPUTS)[self.place]
+        (told,) = (o["data"]["text/plain"] for o in outputs if WIDGET in o.get("data", {}))
+        return str("".join(told)).partition("Shown: ")[2]
 
     def press(self, control: Any, key: str) -> None:
         """Press a key on a slider's handle and wait for the answer."""
@@ -248,11 +224,21 @@ class Seen:
                 self.press(handle, key)
                 assert float(handle.get_attribute("aria-valuenow")) == float(handle.get_attribute(end))
                 yield f"slider {place} at its {key.lower()}"
-            readout = handle.locator("xpath=ancestor::*[contains(@class,'widget-slider')]").locator(".widget-readout")
+            slider = handle.locator("xpath=ancestor::*[contains(@class,'widget-slider')]")
+            readout = slider.locator(".widget-readout")
             if readout.is_visible():
                 readout.fill(str(before))
                 readout.press("Enter")
                 self.settle()
+            player = slider.locator("xpath=../*[contains(@class,'widget-play')]")
+            if player.count():
+                begun, button = handle.get_attribute("aria-valuenow"), player.locator("button").first
+                button.click()
+                self.page.wait_for_timeout(1500)
+                button.click()
+                self.settle()
+                assert handle.get_attribute("aria-valuenow") != begun
+                yield f"slider {place} after playing"
         for place, box in enumerate(self.controls("input[type=number]")):
             for end in ("min", "max"):
                 box.fill(box.get_attribute(end))
@@ -273,12 +259,6 @@ class Seen:
             self.settle()
 
 
-def number_in(status: str, name: str) -> float:
-    found = re.search(rf"{re.escape(name)}: ([-+.\de]+)", status)
-    assert found, f"no {name!r} in {status!r}"
-    return float(found[1])
-
-
 def test_words_of_pictures_reach_who_only_opens_a_chapter(lab: tuple[Any, str, Path]) -> None:
     """Nobody has run it here, so that JupyterLab does not trust it and takes away from its HTML what could do harm."""
     page, address, folder = lab
@@ -289,81 +269,6 @@ def test_words_of_pictures_reach_who_only_opens_a_chapter(lab: tuple[Any, str, P
     words = image.get_attribute("alt")
     assert words and f'alt="{words}"' in json.dumps(nbformat.read(CHAPTERS[0], 4).cells).replace('\\"', '"')
     assert image.evaluate("(image) => image.naturalWidth > 300 && image.clientWidth > 300")
-
-
-# ---- the machinery of widgets.py
-
-TOY = """
-from course import widgets
-
-drawn = []
-
-def draw(figure, share, angle, moment, colour):
-    drawn.append(share)
-    if share > 0.8:
-        raise ValueError("share must be at most 0.8, not <much> more")
-    if colour == "none":
-        raise KeyError("no such colour")
-    figure.subplots().plot([0, 1], [0, share + angle], color=colour)
-    return {"share": share, "angle": angle, "moment": moment}
-
-controls = {
-    "share": widgets.slider("share", 0.0, 1.0, 0.1, 0.1, live=False),
-    "angle": widgets.angle("angle", 0.3),
-    "moment": widgets.played(widgets.slider("moment", 0, 100, 4, 60)),
-    "colour": widgets.choice("colour", ("red", "blue", "none"), "red"),
-}
-explorer = widgets.Explorer(draw, controls, slow="solving")
-"""
-
-
-@pytest.fixture(scope="module")
-def toy(opened: Any) -> Seen:
-    return Seen(opened([TOY, "explorer"], "toy"), 1)
-
-
-def drawn_so_far(seen: Seen) -> int:
-    """How often the toy has been drawn, from the kernel."""
-    code = """async () => {
-        const kernel = window.jupyterapp.shell.currentWidget.sessionContext.session.kernel;
-        const future = kernel.requestExecute({code: '', user_expressions: {n: 'len(drawn)'}, silent: true});
-        return (await future.done).content.user_expressions.n.data['text/plain'];
-    }"""
-    return int(seen.page.evaluate(code))
-
-
-def test_showing_a_widget_does_not_draw_it_again_nor_move_it(toy: Seen) -> None:
-    """The browser rounds a slider's value and sends it back, and a link takes the value of what it links from."""
-    toy.settle()
-    assert toy.status == "share: 0.1; angle: 0.3; moment: 60"
-    assert drawn_so_far(toy) == 1
-
-
-def test_what_is_refused_is_said_and_then_forgotten(toy: Seen) -> None:
-    before = toy.said
-    toy.press(toy.labelled("share"), "End")
-    assert toy.refused
-    assert "most 0.8, not <much>" in toy.status
-    assert toy.said == f"still the picture of share: 0.1. {before}"
-    toy.press(toy.labelled("share"), "Home")
-    assert not toy.refused and number_in(toy.status, "share") == 0.0
-    toy.labelled("colour").select_option("none")
-    toy.settle()
-    assert toy.refused and "KeyError: 'no such colour'" in toy.status
-    toy.labelled("colour").select_option("red")
-    toy.settle()
-    assert not toy.refused and errors(toy.page) == []
-
-
-def test_play_plays_from_where_the_slider_is(toy: Seen) -> None:
-    handle = toy.labelled("moment")
-    handle.press("Home")
-    toy.settle()
-    toy.cell.locator(".widget-play button").first.click()
-    toy.page.wait_for_timeout(1500)
-    toy.cell.locator(".widget-play button").first.click()
-    toy.settle()
-    assert 4 <= number_in(toy.status, "moment") <= 60
 
 
 # ---- every widget of every chapter
@@ -383,6 +288,7 @@ def test_every_control_goes_to_both_ends(chapter: tuple[Any, list[str]]) -> None
     for place, call in enumerate(calls):
         seen = Seen(page, place)
         seen.settle()
+        assert seen.status == seen.shown_first, f"{call} is another as soon as it is shown"
         pictures, stops = {seen.picture.get_attribute("src")}, 0
         for stop in seen.visit():
             stops += 1

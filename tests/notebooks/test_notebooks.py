@@ -38,7 +38,6 @@ def code(path: Path) -> str:
 
 def test_the_series_is_complete() -> None:
     assert [path.name[:2] for path in CHAPTERS] == [f"{number:02d}" for number in range(1, len(CHAPTERS) + 1)]
-    assert len(CHAPTERS) >= 15
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)

@@ -37,6 +37,7 @@ TEXT = """() => {
     return seen.textContent;
 }"""
 BROKEN = "() => [...document.images].filter(image => image.complete && !image.naturalWidth).map(image => image.src)"
+CELLS = "rows => rows.map(row => [...row.cells].map(cell => cell.innerText))"
 WIDTHS = (390, 1280, 1920)  # px: a telephone, a notebook, a screen
 # Formulas of which a glyph cannot be seen, however one scrolls: what clips it cuts it off, and does not scroll there.
 CUT = """() => {
@@ -120,18 +121,13 @@ def pages(site: Path) -> list[Path]:
     return [path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts]
 
 
-def test_every_chapter_is_in_the_site(site: Path) -> None:
-    chapters = sorted(path.stem for path in (ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
-    assert len(chapters) >= 14
-    contents = (site / "index.html").read_text(encoding="utf-8")
-    for chapter in chapters:
-        assert (site / f"{chapter}.html").is_file() and f'href="{chapter}.html"' in contents
-    for page in ("notation", "reading", "syllabus", "worked", "numbers", "start", "maps", "api", "contributing"):
-        assert (site / "site" / f"{page}.html").is_file()
-    assert "sdhj.solve" in (site / "site" / "api.html").read_text(encoding="utf-8")
-    gallery = (site / "site" / "gallery.html").read_text(encoding="utf-8")
-    scripts = [*(ROOT / "figures").glob("fig[0-9]*.py"), *(ROOT / "figures").glob("extra_*.py")]
-    assert len(scripts) > 25 and all(f"{path.name}</" in gallery and f"/{path.stem}.png" in gallery for path in scripts)
+def test_every_chapter_is_in_the_site_with_its_notebook(site: Path) -> None:
+    contents = Links(site / "index.html").targets
+    for chapter in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
+        page = site / f"{chapter.stem}.html"
+        assert page.name in contents
+        (file,) = (page.parent / unquote(to) for to in Links(page).targets if to.endswith(f"/{chapter.name}"))
+        assert file.read_bytes() == chapter.read_bytes()
 
 
 def test_no_link_leads_nowhere(site: Path) -> None:
@@ -177,7 +173,7 @@ def test_each_parameter_shown_is_one(site: Path) -> None:
             right = inspect.signature(described).parameters if "Parameters" in title.text else EXCEPTIONS
             wrong += [f"{name}: {title.text} {other}" for other in names.difference(right)]
             seen += len(names)
-    assert wrong == [] and seen > 100
+    assert wrong == [] and seen > 0
 
 
 @contextmanager
@@ -196,138 +192,120 @@ def served(folder: Path) -> Iterator[str]:
         server.shutdown()
 
 
-@pytest.mark.browser
-def test_mathematics_is_set_without_the_network(site: Path) -> None:
-    """Every page in a browser that reaches this machine only: no error, nothing missing, formulas set, no raw LaTeX."""
+@pytest.fixture(scope="module")
+def reader(site: Path) -> Iterator[tuple[Any, str]]:
+    """A page of a browser that reaches this machine only, and the address of the site."""
     with served(site) as address, chromium() as page:
-        asked, wrong = [], []
         page.route("**/*", lambda route: route.continue_() if route.request.url.startswith(address) else route.abort())
-        page.on("request", lambda request: asked.append(request.url))
-        page.on("response", lambda response: response.ok or wrong.append(f"{response.status} {response.url}"))
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        formulas = 0
-        for path in pages(site):
-            page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
-            page.wait_for_function(SETTLED)
-            page.wait_for_timeout(50)
-            formulas += page.locator("mjx-container").count()
-            assert page.locator("mjx-merror").count() == 0, f"{path.name} has a formula that cannot be set"
-            assert page.evaluate(BROKEN) == [], f"{path.name} lacks pictures"
-            if "_modules" not in path.parts and path.name not in ("search.html", "genindex.html", "py-modindex.html"):
-                assert RAW.findall(page.evaluate(TEXT)) == [], f"{path.name} shows LaTeX"
-        assert formulas > 500
-        assert wrong == []
-        assert [url for url in asked if not url.startswith((address, "data:"))] == []
+        yield page, address
 
 
 @pytest.mark.browser
-def test_pages_fit_every_screen(site: Path) -> None:
-    """No glyph of a formula is cut off, and no page is wider than a telephone but for what scrolls in a box."""
-    with served(site) as address, chromium() as page:
-        cut, wide = [], []
-        for path in (path for path in pages(site) if "_modules" not in path.parts):
-            page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
-            page.wait_for_function(SETTLED)
-            for width in WIDTHS:
-                page.set_viewport_size({"width": width, "height": 1600})
-                page.wait_for_timeout(30)
-                cut += [(path.name, width, formula) for formula in page.evaluate(CUT)]
-                wide += [(path.name, node) for node in page.evaluate(TOO_WIDE) if width == WIDTHS[0]]
-        assert (cut, wide) == ([], [])
-        page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
-        glyphs = "".join("<mjx-c style='display: inline-block; width: 300px; flex: none'>x</mjx-c>" for _ in range(3))
-        page.set_content(f"<main><mjx-container display='true' style='display: flex'>{glyphs}</mjx-container></main>")
-        assert page.evaluate(CUT) and page.evaluate(TOO_WIDE)  # beyond the page's right end
-
-
-def test_each_chapter_links_its_notebook(site: Path) -> None:
-    for chapter in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
-        page = site / f"{chapter.stem}.html"
-        files = [page.parent / unquote(to) for to in Links(page).targets if to.endswith(f"/{chapter.name}")]
-        assert len(files) == 1 and files[0].read_bytes() == chapter.read_bytes()
-
-
-LARGEST = 300_000  # bytes of the frames of a control
+def test_every_page_is_whole_and_fits_every_screen_without_the_network(site: Path, reader: tuple[Any, str]) -> None:
+    """No error, nothing missing, formulas set and no glyph cut off, no raw LaTeX; on a telephone nothing too wide."""
+    page, address = reader
+    asked, wrong = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("response", lambda response: response.ok or wrong.append(f"{response.status} {response.url}"))
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    formulas = 0
+    for path in pages(site):
+        page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
+        page.wait_for_function(SETTLED)
+        formulas += page.locator("mjx-container").count()
+        assert page.locator("mjx-merror").count() == 0, f"{path.name} has a formula that cannot be set"
+        assert page.evaluate(BROKEN) == [], f"{path.name} lacks pictures"
+        if "_modules" in path.parts:
+            continue
+        if path.name not in ("search.html", "genindex.html", "py-modindex.html"):
+            assert RAW.findall(page.evaluate(TEXT)) == [], f"{path.name} shows LaTeX"
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 1600})
+            page.wait_for_timeout(30)
+            wrong += [f"{path.name}, {width}: {formula}" for formula in page.evaluate(CUT)]
+            wrong += [f"{path.name}: {node}" for node in page.evaluate(TOO_WIDE) if width == WIDTHS[0]]
+    assert wrong == [] and formulas > 0
+    assert [url for url in asked if not url.startswith((address, "data:"))] == []
+    page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
+    glyphs = "".join("<mjx-c style='display: inline-block; width: 300px; flex: none'>x</mjx-c>" for _ in range(3))
+    page.set_content(f"<main><mjx-container display='true' style='display: flex'>{glyphs}</mjx-container></main>")
+    assert page.evaluate(CUT) and page.evaluate(TOO_WIDE)  # beyond the page's right end
 
 
 @pytest.mark.browser
-def test_widgets_move_on_the_site(site: Path) -> None:
+def test_widgets_move_on_the_site(site: Path, reader: tuple[Any, str]) -> None:
     """Every chapter has a slider; at each of its places another picture stands, and the words that belong to it."""
-    frames = site / "_static" / "frames"
-    with served(site) as address, chromium() as page:
-        for told in sorted(frames.glob("*.json")):
-            widgets = json.loads(told.read_text(encoding="utf-8"))["widgets"]
-            page.goto(f"{address}/{told.stem}.html", wait_until="load")
-            figures = page.locator("figure.frames")
-            assert figures.count() == len(widgets) > 0
-            for place, widget in enumerate(widgets):
-                assert (frames / widget["file"]).stat().st_size <= LARGEST, widget["file"]
-                figure, seen = figures.nth(place), set()
-                figure.scroll_into_view_if_needed()
-                slider = figure.locator("input")
-                assert slider.input_value() == str(widget["values"].index(widget["at"]))
-                for number, (value, said) in enumerate(zip(widget["values"], widget["said"], strict=True)):
-                    slider.fill(str(number))
-                    assert figure.locator("b").inner_text() == value
-                    told = [": ".join(row.locator("td").all_inner_texts()) for row in figure.locator("tr").all()]
-                    assert "; ".join(told) == said
-                    seen.add(figure.locator(".frames-window").screenshot())
-                assert len(seen) >= 3, f"{widget['file']} hardly moves"
-                picture, track = (figure.locator(part).bounding_box() for part in (".frames-window", "input"))
-                assert track["width"] > 0.85 * picture["width"], f"{widget['file']}: a short slider"
-            assert "Controls, live" not in page.locator("main").inner_text()
-        assert len(list(frames.glob("*.json"))) == len(list((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")))
-
-
-@pytest.mark.browser
-def test_a_loop_plays_until_a_reader_takes_it_and_not_for_those_who_ask_for_none(site: Path) -> None:
-    with served(site) as address, chromium() as page:
-        for wanted, moves in (("no-preference", True), ("reduce", False)):
-            page.emulate_media(reduced_motion=wanted)
-            page.goto(f"{address}/11_controller.html", wait_until="load")
-            figure = page.locator("figure.frames").nth(1)
-            assert json.loads(figure.get_attribute("data-told"))["loop"]
+    page, address = reader
+    for chapter in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
+        told = site / "_static" / "frames" / f"{chapter.stem}.json"
+        widgets = json.loads(told.read_text(encoding="utf-8"))["widgets"]
+        page.goto(f"{address}/{told.stem}.html", wait_until="load")
+        figures = page.locator("figure.frames")
+        assert figures.count() == len(widgets) > 0
+        for place, widget in enumerate(widgets):
+            figure, seen, last = figures.nth(place), set(), len(widget["values"]) - 1
             figure.scroll_into_view_if_needed()
             slider = figure.locator("input")
-            first = slider.input_value()
-            page.wait_for_timeout(1500)
-            assert (slider.input_value() != first) is moves
-            slider.fill("2")
-            page.wait_for_timeout(800)
-            assert slider.input_value() == "2"
-            figure.locator("button").click()  # which plays it for anybody
-            page.wait_for_timeout(800)
-            assert slider.input_value() != "2"
+            assert slider.input_value() == str(widget["values"].index(widget["at"]))
+            for number, (value, said) in enumerate(zip(widget["values"], widget["said"], strict=True)):
+                slider.fill(str(number))
+                assert figure.locator("b").inner_text() == value
+                rows = figure.locator("tr").evaluate_all(CELLS)
+                assert "; ".join(map(": ".join, rows)) == said
+                if number in (0, last // 3, 2 * last // 3):
+                    seen.add(figure.locator(".frames-window").screenshot())
+            assert len(seen) == 3, f"{widget['file']} hardly moves"
+        assert "Controls, live" not in page.locator("main").inner_text()
 
 
 @pytest.mark.browser
-def test_code_is_copied_wide_pictures_scroll_and_tables_are_lists_on_a_telephone(site: Path) -> None:
-    with served(site) as address, chromium() as page:
-        page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=address)
-        page.goto(f"{address}/site/maps.html", wait_until="load")
-        code = page.locator("main div.highlight").first
-        code.locator("button.copy").click()
-        assert page.evaluate("() => navigator.clipboard.readText()") == code.locator("pre").inner_text()
-        page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
-        page.goto(f"{address}/index.html", wait_until="load")
-        assert page.locator(".scrolls > img").first.bounding_box()["width"] == 640
-        rows = [row.bounding_box()["height"] for row in page.locator("table.listed tbody tr").all()]
-        assert len(rows) == 17 and max(rows) < 160
-        cell = page.locator("table.listed td[data-head=question]").first
-        assert "question" in cell.evaluate("cell => getComputedStyle(cell, '::before').content")
+def test_a_loop_plays_until_a_reader_takes_it_and_not_for_those_who_ask_for_none(reader: tuple[Any, str]) -> None:
+    page, address = reader
+    for wanted, moves in (("no-preference", True), ("reduce", False)):
+        page.emulate_media(reduced_motion=wanted)
+        page.goto(f"{address}/11_controller.html", wait_until="load")
+        figures = page.locator("figure.frames").all()
+        figure = next(one for one in figures if json.loads(one.get_attribute("data-told"))["loop"])
+        figure.scroll_into_view_if_needed()
+        slider = figure.locator("input")
+        first = slider.input_value()
+        page.wait_for_timeout(1500)
+        assert (slider.input_value() != first) is moves
+        slider.fill("2")
+        page.wait_for_timeout(800)
+        assert slider.input_value() == "2"
+        figure.locator("button").click()  # which plays it for anybody
+        page.wait_for_timeout(800)
+        assert slider.input_value() != "2"
+
+
+@pytest.mark.browser
+def test_code_is_copied_wide_pictures_scroll_and_tables_are_lists_on_a_telephone(reader: tuple[Any, str]) -> None:
+    page, address = reader
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=address)
+    page.goto(f"{address}/site/maps.html", wait_until="load")
+    code = page.locator("main div.highlight").first
+    code.locator("button.copy").click()
+    assert page.evaluate("() => navigator.clipboard.readText()") == code.locator("pre").inner_text()
+    page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
+    page.goto(f"{address}/index.html", wait_until="load")
+    assert page.locator(".scrolls").first.evaluate("box => box.scrollWidth > box.clientWidth")
+    row = page.locator("table.listed tbody tr").first
+    tops = [cell.bounding_box()["y"] for cell in row.locator("td").all()]
+    assert len(tops) > 1 and tops == sorted(set(tops))  # one below the other, each with its column's name
+    cell = page.locator("table.listed td[data-head=question]").first
+    assert "question" in cell.evaluate("cell => getComputedStyle(cell, '::before').content")
 
 
 def test_mentions_of_chapters_and_formulas_are_links(site: Path) -> None:
     """But for those on the page itself: chapters without a link are its own, and numbers of formulas all have one."""
     soup = pytest.importorskip("bs4").BeautifulSoup
-    linked = 0
     for path in sorted(site.glob("[0-9][0-9]_*.html")):
         article = soup(path.read_text("utf-8"), "html.parser").select_one("article")
         for part in article.select("pre, code, h1, h2, h3, .math, .output, figure, details"):
             part.decompose()
         links = [link.extract().text for link in article.select("a")]
-        linked += sum(bool(re.search(r"[Cc]hapter|\(\d+\.\d+'?\)", link)) for link in links)
+        assert any(re.search(r"[Cc]hapter|\(\d+\.\d+'?\)", link) for link in links), path.name
         left = {int(number) for number in re.findall(r"[Cc]hapters? (\d+)", article.text)}
         assert left <= {int(path.name[:2])}, path.name
         assert not re.findall(r"\((?:1[0-7]|[1-9])\.\d{1,2}'?\)", article.text), path.name
-    assert linked > 200

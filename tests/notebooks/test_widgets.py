@@ -604,8 +604,10 @@ def test_what_goes_wrong_is_said_whatever_it_is(slow: bool) -> None:
     explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=slow)
     explorer.set(share=0.9)
     assert explorer.error == "KeyError: '<nothing> there'"
+    told = explorer.panel().children[1]
+    assert "role='alert'" in told.value and "&lt;nothing&gt;" in told.value
     explorer.set(share=0.5)  # the setting that the picture still shows
-    assert explorer.error == ""
+    assert explorer.error == "" and "role='alert'" not in told.value
 
 
 @pytest.mark.parametrize("collecting", [True, False])
