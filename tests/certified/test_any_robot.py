@@ -138,7 +138,7 @@ def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     with forged(tmp_path / "stream.npz", named=True) as (told, _):
         told["proof"]["clear"][0].update(ends=[0])
     verdict = verify(tmp_path / "stream.npz", progress=False)
-    assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in verdict.claims)
+    assert any(claim.name.startswith("clear") and claim.failed for claim in verdict.claims)
 
 
 def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
@@ -158,17 +158,17 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     done = asked(path, "--problem", "lines:problem")
     assert done.exit_code == 0 and "is stated of wall" in done.output, done.output
     for wrong, told in {
-        "lines": "must be module:name or file.py:name",
+        "lines": "file.py:name",
         "nowhere:problem": "failed with ModuleNotFoundError",
         "lines:none": "failed with AttributeError",
         "lines:broken": "failed with ZeroDivisionError",
-        "lines:number": "must be or return a ReachAvoidProblem, got 3",
-        "lines:far": "was solved for another problem",
+        "lines:number": "a ReachAvoidProblem",
+        "lines:far": "another problem",
     }.items():
         done = asked(path, "--problem", wrong)
         assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output, done.output
     done = asked(path)
-    assert done.exit_code == 2 and "sdhj verify --problem module:function" in done.output
+    assert done.exit_code == 2 and "--problem module:function" in done.output
 
 
 def test_the_checker_alone_says_what_it_cannot_read(tmp_path, monkeypatch, capsys):

@@ -283,7 +283,7 @@ def test_every_claim_is_proved_again(saved, tmp_path):
 
 @pytest.mark.parametrize("sensing", [{"error": [0.0055, 0.005, 0.005]}, {"delay": 0.025}], ids=["error", "delay"])
 def test_predictions_for_less_are_not_proved(saved, sensing, tmp_path):
-    assert "predictions are as near as stated" in failed(saved[1], tmp_path, sensing=sensing)
+    assert any("predictions" in said for said in failed(saved[1], tmp_path, sensing=sensing))
 
 
 @pytest.mark.slow  # `forged_robots` has the same on a line
@@ -294,7 +294,7 @@ def test_moves_for_a_better_clock_are_not_proved(saved, tmp_path):
 def test_more_claimed_of_predictions_is_found(saved, tmp_path):
     off = saved[0].proof.prediction_error.tolist()
     less = {"unsure": [0.9 * off[0], 0.9 * off[1], off[2]]}
-    assert "predictions are as near as stated" in failed(saved[1], tmp_path, proof=less)
+    assert any("predictions" in said for said in failed(saved[1], tmp_path, proof=less))
     with pytest.raises(ValueError, match="predictions are off by"):
         failed(saved[1], tmp_path, proof={"unsure": [0.0, 0.0, 0.0]})
 

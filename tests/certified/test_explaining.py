@@ -48,7 +48,7 @@ def test_more_cells_where_the_state_alone_is_won():
     """In cells of 1 m: all of [5, 6] may come to 5.75, but 5.6 to no less than 6.35."""
     told = table(line(), 10).explain([5.6], 0, 1)
     assert told.helps == (MORE_CELLS,) and told.failures[0].short == pytest.approx(-1 / 3)
-    assert told.failures[0].by == "rounding" and told.failures[0].says.endswith("from the state alone all are")
+    assert told.failures[0].by == "rounding" and told.failures[0].says.endswith("the state alone all are")
 
 
 def test_a_tube_that_may_meet_a_set_or_an_end():
@@ -69,7 +69,7 @@ def test_bounds_that_are_loose():
     drift = sdhj.BlackBox(lambda q, u, t: u[0] + 0.01 * q, slope=0.1, rate=0.0)
     problem = line(dynamics=sdhj.Dynamics([[0.0], [1.0]], drift, [[1.0]], [0.0]))
     told = table(problem, 10).explain([4.6], 0, 1)
-    assert any(one.startswith("closer bounds on the velocity along x, 0.1 wide, not 0.0") for one in told.helps)
+    assert any("along x, 0.1 wide" in one for one in told.helps)
 
 
 @pytest.mark.slow
@@ -98,8 +98,8 @@ def test_explanations_agree_with_the_table(monkeypatch):
 def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
     """Where a coarse grid has ten times as much, or no more than the target is there; and nothing where all is well."""
     for problem, cells, words, helps in (
-        (replace(car(), steps=8), (12, 12, 12), 'by "hji" on few nodes|no more than the target', "more cells: "),
-        (line(steps=3), (4,), "no more than the target", "more cells: "),
+        (replace(car(), steps=8), (12, 12, 12), '"hji"|more than the target', "more cells: "),
+        (line(steps=3), (4,), "more than the target", "more cells: "),
     ):
         with pytest.warns(ResolutionWarning, match=words) as seen:
             made = sdhj.solve(problem, sdhj.Certified(cells=cells), progress=False)

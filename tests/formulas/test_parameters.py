@@ -1,7 +1,6 @@
 """The first parameter of a function is the state, whatever it is called; what may be read in two ways is refused."""
 
 import functools
-import re
 
 import numpy as np
 import pytest
@@ -74,7 +73,7 @@ SETS = {
 
 @pytest.mark.parametrize("name", SETS)
 def test_so_is_that_of_a_set_and_of_sets_together(name):
-    said = "its first parameter is the state, whatever it is called"
+    said = "first parameter.*state"
     with pytest.raises(ValueError, match=said):
         TargetSet((0,), SETS[name])
     with pytest.raises(ValueError, match=said):
@@ -121,9 +120,9 @@ def test_a_state_may_have_any_other_name_and_the_readings_that_are_named_are_tak
     assert np.allclose(boat(drift=lambda q, u, t: u * t).dynamics.drift_at(states, 1, 0.5), 0.5)  # one value for all
     timed = boat(drift=[[-1.0], [1.0]], gain=[[1.0]], bounds=lambda t: [0.1 + t])
     assert timed.dynamics.bounds_at(0, 0.25).tolist() == [0.35]
-    with pytest.raises(ValueError, match=re.escape("If it is the state, write (q, u); if it is the disturbance, ")):
+    with pytest.raises(ValueError, match=r"write \(q, u\); if it is the disturbance"):
         boat(velocity=lambda v, u: u[0] - 2 * v, bounds=[0.1])
-    with pytest.raises(ValueError, match=re.escape("write (q, t); if it is the time, write (q, t), with the state")):
+    with pytest.raises(ValueError, match=r"write \(q, t\); if it is the time"):
         TargetSet((0,), lambda t, p: near(p, t))
 
 

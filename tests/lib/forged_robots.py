@@ -19,9 +19,9 @@ import sdhj
 from sdhj.common.remembering import FloatArray
 
 Told = dict[str, Any]
-CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe sets", "moves: ", "in the target, and safe", "one step nearer"
+CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe", "moves: ", "target, and safe", "one step nearer"
 ARRIVE = "into the target itself"
-COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "predictions are as near as stated"
+COVER, GROW, NEAR = "cells cover the axes", "sets grow", "predictions are as near"
 
 
 # ---- robots
@@ -691,7 +691,7 @@ FORGERIES: dict[str, Forgery] = {
         "standing", COVER, both_ends, becomes=lambda: standing(ends=("wall", "unsafe"))
     ),
     "a layer where an axis closes": Forgery(
-        "standing", "cells must close where the axes do", becomes=lambda: standing(periodic=True)
+        "standing", "close where the axes", becomes=lambda: standing(periodic=True)
     ),
     "a layer of cells that move alike": Forgery("standing", COVER, lambda told, arrays: no_place(told, arrays)),
     "coasting that stays on the layer": Forgery(
@@ -817,21 +817,19 @@ FORGERIES: dict[str, Forgery] = {
         beside=hidden,
     ),
     "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=1e6)),
-    "nobody's black box": Forgery("hidden", "must have the black box of the file"),
-    "the black box of another": Forgery("hidden", "must have the black box", beside=line),
+    "nobody's black box": Forgery("hidden", "have the black box"),
+    "the black box of another": Forgery("hidden", "have the black box", beside=line),
     "a black box of which nothing is stated": Forgery(
         "hidden", "must have an enclosure", beside=lambda: hidden(slope=None)
     ),
     # arrays
     "moves of one hour": Forgery(
-        "tide", "low must be kept in the file", lambda told, arrays: put(arrays, low=arrays["low"][()][:1])
+        "tide", "low must be kept", lambda told, arrays: put(arrays, low=arrays["low"][()][:1])
     ),
-    "sets for all times": Forgery(
-        "crossed", "there must be sets for each step", lambda told, arrays: for_all_times(told, arrays)
-    ),
-    "moves that end before they begin": Forgery("line", "must lead to some cell", shifts("low", 9)),
+    "sets for all times": Forgery("crossed", "sets for each step", lambda told, arrays: for_all_times(told, arrays)),
+    "moves that end before they begin": Forgery("line", "lead to some cell", shifts("low", 9)),
     "a clock that is off, and a tide": Forgery(
-        "tide", "with jitter the velocity must not", head(lambda told: told.update(sensing={"jitter": 0.05}))
+        "tide", "with jitter the velocity", head(lambda told: told.update(sensing={"jitter": 0.05}))
     ),
     "predictions nearer than measurements": Forgery("spread", "predictions are off by", off_by(0.04)),
 }
@@ -898,77 +896,73 @@ def lines(told: Told, name: str) -> list[str]:
 HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "lines": (
         lambda told: told["proof"].update(normals=[[1.0, 0.0]], halo=[[0, 0], [0, 0]]),
-        "the proof must have no unknown field",
+        "no unknown field",
     ),
-    "a function less": (lambda told: told["formulas"]["functions"].pop("gain"), "there must be a formula gain"),
-    "no bounds": (lambda told: told["formulas"]["functions"].pop("bounds"), "there must be a formula bounds"),
+    "a function less": (lambda told: told["formulas"]["functions"].pop("gain"), "a formula gain"),
+    "no bounds": (lambda told: told["formulas"]["functions"].pop("bounds"), "a formula bounds"),
     "bounds of some inputs": (
         lambda told: lines(told, "bounds").__setitem__(-1, "return 0 0 0"),
         "as many results for",
     ),
-    "another format": (lambda told: told["formulas"].update(format=2), "formulas must be of format 1"),
-    "a line": (lambda told: lines(told, "drift").insert(0, "halt 0"), "line 0 of drift: an operation must be one"),
+    "another format": (lambda told: told["formulas"].update(format=2), "of format 1"),
+    "a line": (lambda told: lines(told, "drift").insert(0, "halt 0"), "of drift: an operation"),
     "results": (lambda told: lines(told, "drift").__setitem__(-1, "return 0"), "drift must have 8 results"),
     "two results": (lambda told: lines(told, "target").__setitem__(-1, "return 0 0"), "target must have one result"),
     "coordinates": (lambda told: told["formulas"]["functions"]["gain"].update(coordinates=3), "gain must have 2 coord"),
-    "both": (lambda told: told["formulas"].update(opaque={"drift": ""}), "a function is a formula or a black box"),
+    "both": (lambda told: told["formulas"].update(opaque={"drift": ""}), "function is a formula"),
     "axes": (lambda told: told["sets"][1].update(axes=[0, 2]), "axes of a set"),
     "axes twice": (lambda told: told["sets"][1].update(axes=[0, 0]), "axes of a set"),
-    "kinds": (lambda told: told["sets"].reverse(), "sets must be a target, if there is one, and unsafe sets"),
-    "ends": (lambda told: told["grid"].update(ends=[["open", "wall"]] * 2), "ends must be of safe, unsafe, wall"),
+    "kinds": (lambda told: told["sets"].reverse(), "must be a target"),
+    "ends": (lambda told: told["grid"].update(ends=[["open", "wall"]] * 2), "safe, unsafe, wall"),
     "order": (lambda told: told["grid"].update(upper=[-3.0, 2.0]), "upper ends must be 1e-120 above"),
-    "seven axes": (lambda told: told["grid"].update(lower=[0.0] * 7), "a grid must have 1 to 6 axes"),
+    "seven axes": (lambda told: told["grid"].update(lower=[0.0] * 7), "1 to 6 axes"),
     "no number": (lambda told: told["grid"].update(lower=["0", 0.0]), "lower must be a number"),
-    "nodes": (lambda told: told["grid"].update(shape=[1, 21]), "shape must be numbers of nodes"),
-    "infinite": (lambda told: told.update(delta=float("inf")), "delta must be a number"),
-    "NaN": (lambda told: told.update(delta=float("nan")), "delta must be a number"),
+    "nodes": (lambda told: told["grid"].update(shape=[1, 21]), "numbers of nodes"),
+    "infinite": (lambda told: told.update(delta=float("inf")), "delta must be"),
+    "NaN": (lambda told: told.update(delta=float("nan")), "delta must be"),
     "delay": (lambda told: told.update(sensing={"delay": -1}), "delay must be a number"),
     "error": (lambda told: told.update(sensing={"error": [0.1]}), "error must be 2 numbers"),
-    "an error below zero": (lambda told: told.update(sensing={"error": -0.1}), "error must be a number from 0"),
+    "an error below zero": (lambda told: told.update(sensing={"error": -0.1}), "error must be"),
     "no inputs": (lambda told: told.update(inputs=[]), "there must be 1 to"),
-    "steps": (lambda told: told.update(steps=2.5), "steps must be a number"),
-    "parts": (lambda told: told["proof"].update(parts=0), "parts must be a number"),
+    "steps": (lambda told: told.update(steps=2.5), "steps must be"),
+    "parts": (lambda told: told["proof"].update(parts=0), "parts must be"),
     "one cell": (lambda told: told["cells"].update(shape=[1, 30]), "shape must be numbers"),
-    "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "cells must be stated as fractions"),
+    "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "as fractions"),
     "axes of a place": (
         lambda told: told["proof"].update(own=[True, True, False]),
-        "axes of a place must be a list of 2",
+        "axes of a place",
     ),
     "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "unsure must be 2 numbers"),
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure must be a number"),
 }
 FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (change, said) in HEADS.items()}
 FORGERIES |= {  # a robot that is soon looked through
-    "head: periods": Forgery(
-        "line", "periodic must be true or false", head(lambda told: told["grid"].update(periodic=["no"]))
-    ),
+    "head: periods": Forgery("line", "periodic must be", head(lambda told: told["grid"].update(periodic=["no"]))),
     "head: inputs of a set": Forgery(
-        "forbidden", "inputs of an unsafe set must be", head(lambda told: told["sets"][1].update(inputs=[3]))
+        "forbidden", "inputs of an unsafe", head(lambda told: told["sets"][1].update(inputs=[3]))
     ),
     "head: memory": Forgery(
-        "line", "memory must be true or false", head(lambda told: told.update(sensing={"error": 0.1, "memory": 2}))
+        "line", "memory must be", head(lambda told: told.update(sensing={"error": 0.1, "memory": 2}))
     ),
-    "head: jitter": Forgery(
-        "line", "jitter must be a number from 0 to 0.25", head(lambda told: told.update(sensing={"jitter": 0.3}))
-    ),
+    "head: jitter": Forgery("line", "jitter must be", head(lambda told: told.update(sensing={"jitter": 0.3}))),
 }
 
 TEXTS: dict[str, tuple[list[Any], str]] = {
-    "a later line": (["x 0", "neg 2", "return 1"], "line 1 of unsafe 0: an operand must be a number below 1"),
-    "another coordinate": (["x 2", "return 0"], "a coordinate must be a number below 2"),
+    "a later line": (["x 0", "neg 2", "return 1"], "unsafe 0: an operand"),
+    "another coordinate": (["x 2", "return 0"], "a coordinate must"),
     "operands": (["x 0", "add 0", "return 1"], "add must have 2 operands"),
-    "a decimal": (["const 1.5", "return 0"], "a number must be hexadecimal"),
-    "no result": (["x 0", "x 0"], "the last line must be `return`"),
-    "no text": ([7, "return 0"], "a line must be text"),
-    "no list": ("return 0", "a list of at most"),
-    "a truth that is none": (["x 0", "not 0", "return 1"], "must be given truth values"),
+    "a decimal": (["const 1.5", "return 0"], "must be hexadecimal"),
+    "no result": (["x 0", "x 0"], "the last line must"),
+    "no text": ([7, "return 0"], "a line must be"),
+    "no list": ("return 0", "list of at most"),
+    "a truth that is none": (["x 0", "not 0", "return 1"], "given truth values"),
     "a table backwards": (
         ["x 0", "x 0", "gridded 0 0 1 lower 0x0p+0 0x0p+0 spacing -0x1p+0 0x1p+0", "return 2"],
         "`spacing` above 0",
     ),
     "a table of more axes": (
         ["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0", "return 1"],
-        "an axis for each operand",
+        "axis for each operand",
     ),
 }
 
@@ -1126,8 +1120,8 @@ def before_the_seam():
     return replace(ring(), target=sdhj.TargetSet((0,), lambda p, t: 2.0 - p[:, 0]))
 
 
-WAY_OUT = "safe ends must be of a robot without target and sensing"
-DEPENDS, EVERY = "tubes must depend on no other axes", "inputs must be clear of every unsafe set"
+WAY_OUT = "without target and sensing"
+DEPENDS, EVERY = "depend on no other", "every unsafe set"
 
 
 def at_the_wall_to_a_cell(told, arrays):
@@ -1142,48 +1136,46 @@ def no_layers(told, arrays):
 
 
 FORGERIES |= {
-    "own as numbers": Forgery("growing", "axes of a place must be true or false", whole("proof own", [1])),
-    "own as a fraction": Forgery("growing", "axes of a place must be true or false", whole("proof own", [0.5])),
-    "own as text": Forgery("growing", "axes of a place must be true or false", whole("proof own", ["false"])),
-    "an empty image beside a layer": Forgery("standing", "must lead to some cell", empty_images),
-    "an entry less": Forgery("crossed", "there must be sets for each step", fewer_rows),
-    "sets of a step that is none": Forgery("cart", "there must be sets for each step", fewer_rows),
-    "sets alike while the target moves": Forgery("drifting", "there must be sets for each step", alike),
+    "own as numbers": Forgery("growing", "axes of a place", whole("proof own", [1])),
+    "own as a fraction": Forgery("growing", "axes of a place", whole("proof own", [0.5])),
+    "own as text": Forgery("growing", "axes of a place", whole("proof own", ["false"])),
+    "an empty image beside a layer": Forgery("standing", "lead to some cell", empty_images),
+    "an entry less": Forgery("crossed", "sets for each step", fewer_rows),
+    "sets of a step that is none": Forgery("cart", "sets for each step", fewer_rows),
+    "sets alike while the target moves": Forgery("drifting", "sets for each step", alike),
     "arrivals of a tide": Forgery("tide", ARRIVE, arrives_everywhere(1)),
     "arrivals of a target that moves": Forgery("drifting", ARRIVE, arrives_everywhere(2)),
     "a wall on the way of an axis of no place": Forgery("carried", COVER, places_on_one_axis),
-    "an end called Wall": Forgery("line", "ends must be of safe, unsafe", whole("grid ends", [["Wall", "unsafe"]])),
-    "an end without a name": Forgery(
-        "line", "ends must be of safe, unsafe, wall", whole("grid ends", [[None, "unsafe"]])
-    ),
+    "an end called Wall": Forgery("line", "safe, unsafe, wall", whole("grid ends", [["Wall", "unsafe"]])),
+    "an end without a name": Forgery("line", "safe, unsafe, wall", whole("grid ends", [[None, "unsafe"]])),
     "an axis on which rounding is no share": Forgery(
         "line", "upper ends must be 1e-120 above", head(lambda told: told["grid"].update(lower=[0.0], upper=[1e-323]))
     ),
-    "a grid of one node": Forgery("line", "shape must be numbers of nodes", whole("grid shape", [1])),
-    "an obstacle": Forgery("line", "sets must be a target", of_a_set(1, kind="obstacle")),
-    "an Unsafe set": Forgery("line", "sets must be a target", of_a_set(2, kind="Unsafe")),
-    "a second target": Forgery("line", "sets must be a target", two_targets),
-    "no input of a set": Forgery("forbidden", "inputs of an unsafe set must be", of_a_set(1, inputs=[])),
-    "inputs of a target": Forgery("line", "inputs of an unsafe set must be", of_a_set(0, inputs=[0])),
+    "a grid of one node": Forgery("line", "numbers of nodes", whole("grid shape", [1])),
+    "an obstacle": Forgery("line", "must be a target", of_a_set(1, kind="obstacle")),
+    "an Unsafe set": Forgery("line", "must be a target", of_a_set(2, kind="Unsafe")),
+    "a second target": Forgery("line", "must be a target", two_targets),
+    "no input of a set": Forgery("forbidden", "inputs of an unsafe", of_a_set(1, inputs=[])),
+    "inputs of a target": Forgery("line", "inputs of an unsafe", of_a_set(0, inputs=[0])),
     "no inputs": Forgery("line", "there must be 1 to", head(lambda told: told.update(inputs=[]))),
     "inputs of several sizes": Forgery(
         "line", "an input must be 1 numbers", head(lambda told: told.update(inputs=[[0.0], [0.0, 1.0], [1.0]]))
     ),
     "truth values that are numbers": Forgery(
         "line",
-        "must be given truth values",
+        "given truth values",
         head(
             lambda told: told["formulas"]["functions"]["unsafe 0"].update(
                 lines=["x 0", "const 0x1.0p+0", "where 0 1 0", "return 2"]
             )
         ),
     ),
-    "a negative delta": Forgery("line", "delta must be a number", head(lambda told: told.update(delta=-0.5))),
-    "a delta that is true": Forgery("line", "delta must be a number", head(lambda told: told.update(delta=True))),
-    "no parts": Forgery("line", "parts must be a number", whole("proof parts", 0)),
-    "parts below zero": Forgery("line", "parts must be a number", whole("proof parts", -1)),
-    "so many pieces": Forgery("line", "the proof must have no unknown field", whole("proof pieces", 10**9)),
-    "lines": Forgery("line", "the proof must have no unknown field", whole("proof normals", [[1.0]])),
+    "a negative delta": Forgery("line", "delta must be", head(lambda told: told.update(delta=-0.5))),
+    "a delta that is true": Forgery("line", "delta must be", head(lambda told: told.update(delta=True))),
+    "no parts": Forgery("line", "parts must be", whole("proof parts", 0)),
+    "parts below zero": Forgery("line", "parts must be", whole("proof parts", -1)),
+    "so many pieces": Forgery("line", "no unknown field", whole("proof pieces", 10**9)),
+    "lines": Forgery("line", "no unknown field", whole("proof normals", [[1.0]])),
     "two layers": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [2, 1]])),
     "less than no layer": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [-1, 1]])),
     "layers that are true": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [True, 1]])),
@@ -1192,30 +1184,26 @@ FORGERIES |= {
     ),
     "the second of two posts in one": Forgery("two posts in one", CLEAR, clears(1, 69)),
     "layers that are cells": Forgery("standing", COVER, no_layers),
-    "unsure of what is measured exactly": Forgery("line", "without a delay are off by", whole("proof unsure", [0.1])),
-    "unsure of more than errors": Forgery("calming", "without a delay are off by", whole("proof unsure", [0.2])),
+    "unsure of what is measured exactly": Forgery("line", "without a delay", whole("proof unsure", [0.1])),
+    "unsure of more than errors": Forgery("calming", "without a delay", whole("proof unsure", [0.2])),
     "unsure of less than errors": Forgery("remembered", "predictions are off by", whole("proof unsure", [0.05])),
-    "a field of the grid": Forgery("line", "grid must have no unknown field", whole("grid offset", [0.0])),
-    "a field of the cells": Forgery("line", "cells must have no unknown field", whole("cells first", [0])),
-    "a field of sensing": Forgery(
-        "line", "sensing must have no unknown field", head(lambda told: told.update(sensing={"bias": 0.1}))
-    ),
-    "a field of a set": Forgery("line", "a set must have no unknown field", of_a_set(1, until=1.0)),
-    "cells of an arm": Forgery("line", "cells must be those of a robot", whole("cells kind", "arms")),
-    "cells that close": Forgery("line", "cells must close where the axes do", whole("cells periodic", [True])),
-    "a name that is none": Forgery("line", "a name must be text", of_a_set(1, name=7)),
+    "a field of the grid": Forgery("line", "no unknown field", whole("grid offset", [0.0])),
+    "a field of the cells": Forgery("line", "no unknown field", whole("cells first", [0])),
+    "a field of sensing": Forgery("line", "no unknown field", head(lambda told: told.update(sensing={"bias": 0.1}))),
+    "a field of a set": Forgery("line", "no unknown field", of_a_set(1, until=1.0)),
+    "cells of an arm": Forgery("line", "those of a robot", whole("cells kind", "arms")),
+    "cells that close": Forgery("line", "close where the axes", whole("cells periodic", [True])),
+    "a name that is none": Forgery("line", "a name must be", of_a_set(1, name=7)),
     "two velocities": Forgery(
         "line",
-        "functions must be of velocities",
+        "be of velocities",
         head(lambda told: told["formulas"]["functions"].update(velocity=told["formulas"]["functions"]["drift"])),
     ),
     "sets for ever that are not": Forgery(
-        "cart", "sets that hold for ever must be one", head(lambda told: told["details"].update(endless=True))
+        "cart", "that hold for ever", head(lambda told: told["details"].update(endless=True))
     ),
-    "endless in words": Forgery(
-        "cart", "endless must be true", head(lambda told: told["details"].update(endless="no"))
-    ),
-    "steps that are true": Forgery("line", "steps must be a number", head(lambda told: told.update(steps=True))),
+    "endless in words": Forgery("cart", "endless must be", head(lambda told: told["details"].update(endless="no"))),
+    "steps that are true": Forgery("line", "steps must be", head(lambda told: told.update(steps=True))),
     "an axis of a set that is true": Forgery("plane", "axes of a set", of_a_set(1, axes=[False, True])),
     "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
     "inputs that are clear of the first wall alone": Forgery("between", NEARER, never_clear_of_the_last),
@@ -1225,12 +1213,12 @@ FORGERIES |= {
     "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
     "a set less": Forgery("line", EVERY, of_clear(sets=[1])),
     "an end less": Forgery("line", EVERY, of_clear(ends=[])),
-    "an end of another axis": Forgery("line", "ends that inputs are clear of must be", of_clear(ends=[1])),
-    "a set that is none": Forgery("line", "sets that inputs are clear of must be", of_clear(sets=[0, 1, 2])),
-    "an axis twice": Forgery("line", "axes that clear inputs depend on must be", of_clear(axes=[0, 0])),
-    "axes that are true": Forgery("cart", "axes that clear inputs depend on must be", of_clear(axes=[False, True])),
-    "steps of clear inputs": Forgery("line", "what is clear must have no unknown field", of_clear(starts=1)),
-    "clear inputs by name": Forgery("line", "clear must be a list", whole("proof clear", {"axes": [0]})),
+    "an end of another axis": Forgery("line", "ends that inputs are", of_clear(ends=[1])),
+    "a set that is none": Forgery("line", "sets that inputs are", of_clear(sets=[0, 1, 2])),
+    "an axis twice": Forgery("line", "axes that clear inputs", of_clear(axes=[0, 0])),
+    "axes that are true": Forgery("cart", "axes that clear inputs", of_clear(axes=[False, True])),
+    "steps of clear inputs": Forgery("line", "no unknown field", of_clear(starts=1)),
+    "clear inputs by name": Forgery("line", "clear must be a", whole("proof clear", {"axes": [0]})),
     "fewer clear inputs": Forgery(
         "line", "clear must be kept", lambda told, arrays: put(arrays, clear=arrays["clear"][()][:-1])
     ),
@@ -1250,9 +1238,7 @@ FORGERIES |= {
     "a wall met on the way down and back": Forgery("ebb", CLEAR, only_clear(0, 25)),
     "a gust from the left alone": Forgery("gusts on the left", MOVES, shifts("low", 1, place=9)),
     "a gust from the right alone": Forgery("gusts on the right", MOVES, shifts("high", -1, place=10)),
-    "cells beyond the last": Forgery(
-        "line", "no cells that there are not", edit("pool", lambda pool: pool.fill(2**64 - 1))
-    ),
+    "cells beyond the last": Forgery("line", "no cells that there", edit("pool", lambda pool: pool.fill(2**64 - 1))),
 }
 
 

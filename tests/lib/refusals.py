@@ -86,7 +86,7 @@ NOISE = np.random.default_rng(0)
 BLACK = sdhj.BlackBox(lambda p, t: np.array([max(one, -one) for one in p[:, 0].tolist()]) - 1.0)
 ADVISED = {
     "swallowed": (
-        "the unsafe sets swallow the target; move it, or check the sign",
+        "swallow.*sign",
         lambda to: solved(
             replace(
                 line(), unsafe=(UnsafeSet((0,), lambda p, t: 2.0 - np.abs(p[:, 0]) * 0 - p[:, 0] - 4.5, name="all"),)
@@ -95,67 +95,67 @@ ADVISED = {
         lambda to: solved(replace(line(), unsafe=(UnsafeSet((0,), lambda p, t: p[:, 0] + 3.0, name="all"),))),
     ),
     "all unsafe": (
-        r"every grid node is in an unsafe set: check the signs \(negative is inside\)",
+        "every grid node.*sign",
         lambda to: solved(staying(lambda p, t: np.abs(p[:, 0]) - 5.0)),
         lambda to: solved(staying(lambda p, t: 5.0 - np.abs(p[:, 0]))),
     ),
     "a target between nodes: more nodes": (
-        "falls between nodes, or its level-set function has the wrong sign .*; move or enlarge it, or use more nodes",
+        "between nodes.*more nodes",
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.05) - 0.04)),
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.05) - 0.04, nodes=641, disturbance=0.01)),
     ),
     "a target between nodes: move it": (
-        "move or enlarge it",
+        "enlarge",
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.05) - 0.04)),
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0] - 0.1) - 0.04)),
     ),
     "a level set that is too large": (
-        "single precision supports at most .*; clip it",
+        "single precision.*clip",
         lambda to: solved(with_target(far)),
         lambda to: solved(with_target(lambda p, t: np.minimum(far(p, t), 10.0))),
     ),
     "nothing to do": (
-        "nothing to stay clear of; give an unsafe set or an unsafe end",
+        "unsafe set.*unsafe end",
         lambda to: replace(line(), target=None, unsafe=()),
         lambda to: (replace(line(), target=None), replace(line(ends="unsafe"), target=None, unsafe=())),
     ),
     "for ever, and in time": (
-        "depend on time; give a number of steps",
+        "time.*number of steps",
         lambda to: replace(line(), target=TargetSet((0,), timed), steps=None),
         lambda to: replace(line(), target=TargetSet((0,), timed), steps=3),
     ),
     "lax and the state": (
-        'needs velocities that do not depend on the state; use method="hji"',
+        'state.*method="hji"',
         lambda to: solved(turned(), "lax"),
         lambda to: solved(turned(), "hji"),
     ),
     "projected on one axis": (
-        'needs a grid of at least 2 axes, one to drop; use method="hji"',
+        '2 axes.*method="hji"',
         lambda to: solved(line(), "projected"),
         lambda to: solved(line(), "hji"),
     ),
     "resume without a store": (
-        "apply to a store only; give one, for example store='table",
+        "store='table",
         lambda to: solved(line(), resume=True),
         lambda to: solved(line(), resume=True, store=to / "table.store"),
     ),
     "no step where time matters": (
-        r"the answer depends on time: give the step, for example select\(q, step=0\)",
+        r"select\(q, step=0\)",
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
     ),
     "a table onto a folder": (
-        "is a folder; name a file",
+        "folder.*name a file",
         lambda to: table().save(to),
         lambda to: table().save(to / "t.npz"),
     ),
     "an export onto a file": (
-        "is a file, and an export is a folder: name another folder",
+        "file.*another folder",
         lambda to: (to / "table").write_text("") or sdhj.export_c(table("certified"), to / "table", progress=False),
         lambda to: sdhj.export_c(table("certified"), to / "robot", progress=False),
     ),
     "what was exported, elsewhere": (
-        "sdhj_table.bin is not there: exported is the folder of an export, or the sdhj_table.bin in it",
+        "sdhj_table.bin.*folder of an export",
         lambda to: (table("certified").save(to / "t.npz"), verify(to / "t.npz", exported=to)),
         lambda to: (
             sdhj.export_c(table("certified"), to, progress=False),
@@ -164,79 +164,79 @@ ADVISED = {
         ),
     ),
     "inputs in one row": (
-        r"got \(4,\); of one number each: \[\[-1\], \[0\], \[1\], \.\.\.\]$",
+        r"\(4,\).*\[\[-1\], \[0\], \[1\], \.\.\.\]$",
         lambda to: Dynamics([-1, 0, 1, 2], [[1.0]] * 4),
         lambda to: Dynamics([[-1], [0], [1], [2]], [[1.0]] * 4),
     ),
     "a drift of v: as a velocity": (
-        r"drift does not take the disturbance v, got \(q, u, v\): give velocity=f\(q, u, v\), with bounds for v",
+        r"\(q, u, v\).*velocity=f\(q, u, v\)",
         lambda to: Dynamics(MOVES, drift=lambda q, u, v: q + u + v, bounds=[0.1]),
         lambda to: Dynamics(MOVES, velocity=lambda q, u, v: q + u + v, bounds=[0.1]),
     ),
     "a drift of v: by a gain": (
-        "or leave v out, and gain= and bounds= say how it moves the state",
+        "gain=.*bounds=",
         lambda to: Dynamics(MOVES, drift=lambda q, u, v: q + u + v),
         lambda to: Dynamics(MOVES, drift=lambda q, u: q + u, gain=[[1.0]], bounds=[0.1]),
     ),
     "one state at a time": (
-        r"a function gets all states at once: points are \(M, n\), column k is points\[:, k\]",
+        r"points\[:, k\]",
         lambda to: moving(lambda q, u: np.array([np.cos(q[2]), np.sin(q[2]), u[0]])),
         lambda to: moving(
             lambda q, u: np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full_like(q[:, 2], u[0])], axis=1)
         ),
     ),
     "noise in a drift": (
-        "treats points differently.*; noise is a disturbance, whose bounds are given, and no part of a function",
+        "differently.*disturbance",
         lambda to: moving(lambda q, u: 0.0 * q + 0.1 * np.random.default_rng(0).normal(size=(len(q), 3))),
         lambda to: moving(lambda q, u: 0.0 * q, gain=np.eye(3), bounds=[0.1] * 3),
     ),
     "noise in a drift, the same for all": (
-        "answers differently when it is called again.*; noise is a disturbance, whose bounds are given",
+        "called again.*disturbance",
         lambda to: moving(lambda q, u: 0.0 * q + NOISE.normal()),
         lambda to: moving(lambda q, u: 0.0 * q, gain=np.ones((3, 1)), bounds=[0.1]),
     ),
     "no input after the last step": (
-        "at step 5, the last sampling time: the run is over then, .* unsafe set; ask at a step from 0 to 4$",
+        "step 5.*0 to 4$",
         lambda to: Controller(table()).select([3.0], table().steps),
         lambda to: Controller(table()).select([1.2], table().steps - 1),
     ),
     "a command of another size": (
-        r"wanted must be the index of an input, from 0 to \d, or a command of 1 number, such as .*; got \[1.0, 0.0\]",
+        r"wanted.*1 number.*\[1.0, 0.0\]",
         lambda to: Controller(table()).filter([1.5], 0, wanted=[1.0, 0.0]),
         lambda to: Controller(table()).filter([1.5], 0, wanted=[1.0]),
     ),
     "a rule that answers NaN": (
-        "met a NaN, .*; look at the functions it calls",
+        "NaN.*functions",
         lambda to: Controller(table(), rule=odd).select([2.0]),
         lambda to: Controller(table(), rule=lambda c: np.nan_to_num(odd(c))).select([2.0]),
     ),
     "a table that is a folder": (
-        "is a folder without problem.json",
+        "folder.*problem.json",
         lambda to: sdhj.load(to),
         lambda to: (table().save(to / "table.npz"), sdhj.load(to / "table.npz")),
     ),
     "a table that is a pipe": (
-        "neither read nor replaced; name a file",
+        "name a file",
         lambda to: (os.mkfifo(to / "pipe"), table().save(to / "pipe")),
         lambda to: table().save(to / "table.npz"),
     ),
     "no file": (
-        r"no file .*; write one with table.save",
+        "no file.*table.save",
         lambda to: sdhj.load(to / "no.npz"),
         lambda to: (table().save(to / "no.npz"), sdhj.load(to / "no.npz")),
     ),
     "a damaged file": (
-        "is damaged, cut short or not a look-up table; solve it anew",
+        "damaged.*anew",
         lambda to: ((to / "table.npz").write_bytes(b"x"), sdhj.load(to / "table.npz")),
         lambda to: (solved(line()).save(to / "table.npz"), sdhj.load(to / "table.npz")),
     ),
     "black boxes are not in the file": (
-        r"it has black boxes .*use load\(path, problem=...\)",
+        r"black boxes.*load\(path, problem=...\)",
         lambda to: (solved(with_target(BLACK)).save(to / "table.npz"), sdhj.load(to / "table.npz")),
         lambda to: sdhj.load(to / "table.npz", problem=with_target(BLACK)),
     ),
     "a store that exists": (
-        "exists already; go on with it by resume=True, remove it, or choose another name",
+        "exists.*resume=True.*another name",
         lambda to: (solved(line(), store=to / "one.store"), solved(line(), store=to / "one.store")),
         lambda to: (
             solved(line(), store=to / "one.store", resume=True),
@@ -246,12 +246,12 @@ ADVISED = {
         ),
     ),
     "a grid table for a robot": (
-        'only certified tables are exported, .*: solve the problem with method="certified"',
+        'exported.*method="certified"',
         lambda to: sdhj.export_c(table(), to),
         lambda to: sdhj.export_c(table("certified"), to, progress=False),
     ),
     "a resolution for a map that has one": (
-        "read from the map's file; give them with an array only",
+        "map's file.*array",
         lambda to: UnsafeSet.from_map(to / "map.yaml", (0, 1), resolution=0.1),
         lambda to: UnsafeSet.from_map(np.eye(4, dtype=bool), (0, 1), resolution=0.1),
     ),
@@ -261,7 +261,7 @@ ADVISED = {
         lambda to: with_target(lambda p, t: np.abs(p[:, 0] - t) - 1.0),
     ),
     "velocity as a black box": (
-        "velocity cannot be a BlackBox: give drift and gain, which can be",
+        "velocity.*BlackBox.*drift and gain",
         lambda to: replace(
             line(), dynamics=Dynamics(MOVES, velocity=sdhj.BlackBox(lambda q, u, v: u + v), bounds=[0.2])
         ),
@@ -270,79 +270,79 @@ ADVISED = {
         ),
     ),
     "images of too many cells": (
-        "an interval moves the state by more than 32,767 cells; use fewer cells",
+        "32,767 cells.*fewer cells",
         lambda to: solved(line(), Certified(cells=(500_000,))),
         lambda to: solved(line(), Certified(cells=(500,))),
     ),
     "more cells of an axis than a file has": (
-        "certifying 10,000,000 cells of one axis; use at most 1,000,000",
+        "10,000,000 cells.*1,000,000",
         lambda to: patched("sdhj.certified.cells._edges", None, lambda: solved(line(), Certified(cells=(10**7,)))),
         lambda to: solved(line(), Certified(cells=(500,))),
     ),
     "a clock that is off and a target on a line": (
-        r"the path of an arm's target must be a Still, .*, got Line\(.*\); use a Still, or method=\"hji\"",
+        r"target.*Line\(.*use a Still",
         lambda to: jittered_arm(target=Disk(Line((0.1, 0.1), (0.0, 0.0)), 0.1)),
         lambda to: jittered_arm(target=Disk(Still((0.1, 0.1)), 0.1)),
     ),
     "a set below its sweep": (
-        "or leave it out: the library then sweeps the set itself",
+        "leave it out",
         lambda to: solved(post(swept=lambda p, t0, t1: 4.0 - p[:, 0])),
         lambda to: solved(post()),
     ),
     "--start and --runs": (
-        "give only one of them",
+        "only one",
         lambda to: (table().save(to / "t.npz"), command("simulate", to / "t.npz", "--start", "0.5", "--runs", "10")),
         lambda to: command("simulate", to / "t.npz", "--start", "0.5"),
     ),
     "a robot that exists": (
-        "exists; choose another name",
+        "exists.*another name",
         lambda to: [command("new", to / "car.py") for _ in range(2)],
         lambda to: command("new", to / "truck.py"),
     ),
     "a folder and no table": (
-        "the folder of an export; give the table that it was made of: --table table.npz",
+        "--table table.npz",
         lambda to: (sdhj.export_c(table("certified"), to, progress=False), command("verify", to)),
         lambda to: (table("certified").save(to / "t.npz"), command("verify", to, "--table", to / "t.npz")),
     ),
     "neither a file nor a store": (
-        "give -o, the file to write, or --store",
+        "-o.*--store",
         lambda to: ((to / "robot.py").write_text(ROBOT), command("solve", f"{to / 'robot.py'}:problem")),
         lambda to: command("solve", f"{to / 'robot.py'}:problem", "-o", to / "t.npz"),
     ),
     "cells of a grid method": (
-        "needs --method certified, got --method .*; leave out one of them",
+        "--method certified.*leave out",
         lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--cells", "40", "--method", "hji")),
         lambda to: (solve_robot(to, "--cells", "40", "--method", "certified"), solve_robot(to, "--method", "hji")),
     ),
     "options of the arm": (
-        "is of the arm's case study; state it in the problem of",
+        "case study.*problem",
         lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--nodes", "41")),
         lambda to: ((to / "robot.py").write_text(ROBOT.replace("[81]", "[41]")), solve_robot(to)),
     ),
     "a drift that is not one of the state": (
-        "its first parameter is the state, .*If it is the state, write .*; if it is",
+        "first parameter.*state.*write",
         lambda to: Dynamics(MOVES, lambda u, q: q[0] + 0 * u),
         lambda to: Dynamics(MOVES, lambda q, u: u[0] + 0 * q),
     ),
     "compiled code that says nothing": (
-        "does not say what it takes: wrap it in a lambda",
+        "wrap it in a lambda",
         lambda to: Dynamics(MOVES, max),
         lambda to: Dynamics(MOVES, lambda q, u: np.maximum(0 * q, u)),
     ),
     "bounds as a black box": (
-        "bounds cannot be a BlackBox: give half-widths, or a function that can be read",
+        "bounds.*BlackBox.*half-widths",
         lambda to: replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], sdhj.BlackBox(lambda q, u: 0.2 + 0 * q))),
         lambda to: [
             replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], one)) for one in ([0.2], lambda q: 0.2 + 0 * q)
         ],
     ),
     "too many inputs": (
-        "are supported, so quantise more coarsely",
+        "quantise more coarsely",
         lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 70_000)[:, None]] * 2),
         lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 100)[:, None]] * 2),
     ),
     "a drift without dynamics' other half": (
-        "give drift, with gain and bounds, or velocity, with bounds",
+        "drift.*gain.*velocity",
         lambda to: Dynamics(MOVES),
         lambda to: (
             Dynamics(MOVES, MOVES, [[1.0]], [0.2]),
@@ -350,12 +350,12 @@ ADVISED = {
         ),
     ),
     "order of HJI": (
-        r"its options are|it belongs to|Scheme\(order=",
+        r"Scheme\(order=",
         lambda to: sdhj.HJI(order=3),
         lambda to: sdhj.HJI(sdhj.Scheme(order=3)),
     ),
     "a mask": (
-        "remove the mask, for example by filled",
+        "mask.*filled",
         lambda to: table().contains(np.ma.masked_less([[0.5]], 0.0)),
         lambda to: table().contains(np.ma.masked_less([[0.5]], 0.0).filled(9.0)),
     ),
@@ -370,12 +370,12 @@ ADVISED = {
         lambda to: Controller(table()).batch([[0.5], [1.0]]),
     ),
     "in the target, and not to be kept there": (
-        r"the task is done, or use fallback\(\)",
+        r"fallback\(\)",
         lambda to: Controller(solved(drifting(), "certified")).select([0.9]),
         lambda to: Controller(solved(drifting(), "certified")).fallback([0.9]),
     ),
     "a state that is not promised: another, or more steps": (
-        r"choose a state where table.contains\(q, start=0, within=1\) is true, or solve with more steps or nodes",
+        r"table.contains\(q, start=0, within=1\).*more steps",
         lambda to: Controller(table(steps=1)).select([-2.0]),
         lambda to: (
             Controller(table(steps=1)).select([-1.2])
@@ -385,32 +385,32 @@ ADVISED = {
         ),
     ),
     "a state that is not promised: more cells": (
-        "stay clear for ever .*, or solve with more cells",
+        "for ever.*more cells",
         lambda to: Controller(braking(12)).select([0.9, 0.6]),
         lambda to: Controller(braking(200)).select([0.9, 0.6]),
     ),
     "records of a velocity": (
-        "v must enter the velocity linearly: give drift and gain",
+        "linearly.*drift and gain",
         lambda to: recorded(Dynamics(MOVES, velocity=lambda q, u, v: 0 * q + u[0] + v[0] ** 3, bounds=[0.2])),
         lambda to: recorded(line().dynamics),
     ),
     "records of other inputs": (
-        "problem with the inputs that were recorded",
+        "inputs.*recorded",
         lambda to: recorded(line().dynamics, 0.5),
         lambda to: recorded(Dynamics([[0.5]], [[0.5]], [[1.0]], [0.2]), 0.5),
     ),
     "a loop of a table that forgets": (
-        r"only tables solved with Sensing\(..., memory=True\) have a loop; ask select and filter",
+        "memory=True.*loop",
         lambda to: exported_with(to, memory=False).loop(1),
         lambda to: exported_with(to, memory=True).loop(1).step([[0.0]]),
     ),
     "no run can start": (
-        "so no run can start from it; use",
+        "no run can start",
         lambda to: sdhj.monte_carlo(Controller(solved(parking(1e-6))), 10, progress=False),
         lambda to: sdhj.monte_carlo(Controller(solved(parking(0.6))), 10, progress=False),
     ),
     "a level set undefined between nodes": (
-        r"as in np.sqrt\(np.maximum\(x, 0.0\)\), give swept=, or use view_time='sampled'",
+        r"np.maximum\(x, 0.0\).*swept=.*view_time='sampled'",
         lambda to: solved(rooted(np.sqrt)),
         lambda to: (
             solved(rooted(lambda x: np.sqrt(np.maximum(x, 0.0)))),
@@ -421,22 +421,22 @@ ADVISED = {
         ),
     ),
     "a level set that is too small": (
-        "scale the function, or return 0 there",
+        "scale.*return 0",
         lambda to: solved(with_target(lambda p, t: 1e-46 * (np.abs(p[:, 0]) - 1.0))),
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
     ),
     "a black box in time": (
-        r"BlackBox\(..., rate=0.0\) if it does not, or use view_time='sampled'",
+        "rate=0.0.*view_time='sampled'",
         lambda to: boxed(),
         lambda to: (solved(boxed(rate=0.0)), solved(boxed("sampled"))),
     ),
     "a black box at an instant": (  # games sweep it over each time step
-        r"BlackBox\(..., rate=0.0\) if it does not",
+        "rate=0.0",
         lambda to: boxed("instantaneous"),
         lambda to: solved(boxed("instantaneous", rate=0.0)),
     ),
     "a black box and a proof": (
-        "is a BlackBox without a slope or an enclosure, which a proof needs",
+        "slope.*enclosure.*proof",
         lambda to: solved(boxed(rate=0.0), Certified(cells=(80,))),
         lambda to: (
             solved(boxed(rate=0.0, slope=1.0), Certified(cells=(80,))),
@@ -444,22 +444,22 @@ ADVISED = {
         ),
     ),
     "a black box and sensing": (
-        "drift is a BlackBox without a slope, which a Sensing needs",
+        "drift.*slope.*Sensing",
         lambda to: sensed(sdhj.BlackBox(black_drift, rate=0.0)),
         lambda to: sensed(sdhj.BlackBox(black_drift, slope=0.0, rate=0.0)),
     ),
     "a black box in a function": (
-        "wrap the whole function in sdhj.BlackBox",
+        "whole function.*sdhj.BlackBox",
         lambda to: with_target(lambda p, t: BLACK(p, t) + 1.0),
         lambda to: with_target(sdhj.BlackBox(lambda p, t: BLACK.function(p, t) + 1.0)),
     ),
     "a velocity that may be undefined": (
-        "clip what it is divided by, or a root is taken of",
+        "clip",
         lambda to: sensed(lambda q, u: u[0] + 1e-6 / (q - 0.123456)),
         lambda to: sensed(lambda q, u: u[0] + 1e-6 / np.maximum(q - 0.123456, 1e-3)),
     ),
     "more doubt than target": (
-        "reduce error or delay, or enlarge the target",
+        "error or delay.*enlarge",
         lambda to: replace(line(), sensing=sdhj.Sensing(0.6, memory=False)),
         lambda to: (
             replace(line(), sensing=sdhj.Sensing(0.1, memory=False)),
@@ -467,22 +467,22 @@ ADVISED = {
         ),
     ),
     "a run that is over": (
-        r"the run is over; call reset\(\)",
+        r"reset\(\)",
         lambda to: agent().step(0),
         lambda to: agent(reset=True).step(0),
     ),
     "something else than its arguments": (
-        "write it in NumPy's functions of the arguments alone, or wrap it in sdhj.BlackBox",
+        "arguments alone.*sdhj.BlackBox",
         lambda to: solved(with_target(elsewhere)),
         lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
     ),
     "a store and a proof": (
-        "leave store= out to solve in memory",
+        "store=.*memory",
         lambda to: solved(line(), "certified", store=to / "t.store"),
         lambda to: solved(line(), "certified"),
     ),
     "for ever on a grid": (
-        "Use method='certified' .* or give steps=N: safe for N steps from step 0",
+        "method='certified'.*steps=N",
         lambda to: solved(replace(line(), target=None, steps=None), "hji"),
         lambda to: (
             solved(replace(line(), target=None, steps=None), "certified"),
@@ -490,52 +490,52 @@ ADVISED = {
         ),
     ),
     "some time on a grid": (
-        "give steps=60, say; steps_to_go tells where fewer are enough. method='certified' finds the number by itself",
+        "steps=60.*steps_to_go.*method='certified'",
         lambda to: solved(replace(line(), steps=None), "hji"),
         lambda to: (solved(replace(line(), steps=60)), solved(replace(line(), steps=None), "certified")),
     ),
     "safe ends and a target": (
-        "need a problem without a target",
+        "without a target",
         lambda to: line(ends="safe"),
         lambda to: replace(line(), target=None, grid=sdhj.Grid([-4.0], [4.0], [81], ends="safe")),
     ),
     "no certified sets": (
-        "holds no certified sets; make them with method='certified'",
+        "certified.*method='certified'",
         lambda to: (table().save(to / "t.npz"), verify(to / "t.npz")),
         lambda to: (table("certified").save(to / "t.npz"), verify(to / "t.npz")),
     ),
     "black boxes to verify": (
-        "rests on black boxes, .*; give the problem",
+        "black boxes.*give the problem",
         lambda to: (solved(boxed(**KNOWN), "certified").save(to / "t.npz"), verify(to / "t.npz")),
         lambda to: verify(to / "t.npz", problem=boxed(**KNOWN)),
     ),
     "a figure of one axis": (
-        "a slice has two axes, and this robot has one; `sdhj info` prints its shares",
+        "sdhj info",
         lambda to: (table().save(to / "t.npz"), command("plot", to / "t.npz", "-o", to / "t.png")),
         lambda to: command("info", to / "t.npz"),
     ),
     "an ending": (
-        "t.gif must end in .png or .svg, which selects the file type",
+        "t.gif.*.png or .svg",
         lambda to: (plane().save(to / "t.npz"), command("plot", to / "t.npz", "-o", to / "t.gif")),
         lambda to: command("plot", to / "t.npz", "-o", to / "t.png"),
     ),
     "a default in the place of the time": (
-        "call it so, and let what has a default stand last",
+        "default.*last",
         lambda to: with_target(lambda p, size=1.0: np.abs(p[:, 0]) - size),
         lambda to: with_target(lambda p, t, size=1.0: np.abs(p[:, 0]) - size),
     ),
     "a large table": (
-        "those of a problem at most .* together; use fewer nodes",
+        "fewer nodes",
         lambda to: sdhj.gridded(np.broadcast_to(0.0, 2**28), [0.0], [1.0]),
         lambda to: sdhj.gridded(np.broadcast_to(0.0, 2**8), [0.0], [1.0]),
     ),
     "large tables": (
-        "the tables that the problem looks up.*; use fewer nodes or pixels",
+        "fewer nodes or pixels",
         lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(40)),
         lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(10)),
     ),
     "a large map": (
-        "pixels are too many.*; scale the map down, or cut off what is not needed",
+        "pixels.*scale.*cut off",
         lambda to: UnsafeSet.from_map(np.broadcast_to(False, (20_000, 20_000)), (0, 1), resolution=0.1),
         lambda to: [
             UnsafeSet.from_map(some, (0, 1), resolution=side)
@@ -543,12 +543,12 @@ ADVISED = {
         ],
     ),
     "a map and no memory": (
-        "needs about .* GB are available; scale it down",
+        "GB are available.*scale",
         lambda to: with_room(10**7, lambda: with_map(1000)),
         lambda to: with_room(10**7, lambda: with_map(100)),
     ),
     "a solve and no memory": (
-        'use fewer nodes or steps, or dtype "float32"',
+        'fewer nodes or steps.*"float32"',
         lambda to: with_room(scarce(), lambda: solved(line(nodes=1001, steps=40), DOUBLE)),
         lambda to: with_room(
             scarce(),
@@ -560,12 +560,12 @@ ADVISED = {
         ),
     ),
     "a proof and no memory": (
-        "certifying .* cells needs .*; use fewer cells",
+        "certifying.*fewer cells",
         lambda to: with_room(2 * 10**6, lambda: solved(line(), Certified(cells=(30_000,)))),
         lambda to: with_room(2 * 10**6, lambda: solved(line(), Certified(cells=(300,)))),
     ),
     "a check and no memory": (
-        "check some cells with samples=1000",
+        "samples=1000",
         lambda to: (table("certified").save(to / "t.npz"), with_room(0, lambda: verify(to / "t.npz"))),
         lambda to: (
             table("certified").save(to / "t.npz"),
@@ -573,7 +573,7 @@ ADVISED = {
         ),
     ),
     "a drift of many lines": (
-        "use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox",
+        "fewer inputs.*sdhj.gridded.*sdhj.BlackBox",
         lambda to: patched("sdhj.problem.dynamics.MOST_LINES", 9, lambda: waving(3)),
         lambda to: patched(
             "sdhj.problem.dynamics.MOST_LINES",
@@ -582,27 +582,27 @@ ADVISED = {
         ),
     ),
     "an interval that is too long": (
-        "use a shorter delta, lower velocities or fewer nodes, or check their units",
+        "shorter delta.*fewer nodes.*units",
         lambda to: solved(replace(line(), delta=1e5)),
         lambda to: solved(line()),
     ),
     "velocities that vibrate": (
-        "use a shorter delta, or include the vibration in the adversary's bounds",
+        "shorter delta.*bounds",
         lambda to: solved(vibrating(1.0)),
         lambda to: (solved(vibrating(0.01)), solved(vibrating(1.0, 0.0, 3.2))),
     ),
     "a picture whose line ends were changed": (
-        r"say that it is binary \(\*.pgm binary in .gitattributes\)",
+        r"\*.pgm binary",
         lambda to: of_map(to, PICTURE.replace(b"\n", b"\r\n")),
         lambda to: of_map(to, PICTURE),
     ),
     "no such folder": (
-        "choose a folder that exists and can be written",
+        "folder that exists",
         lambda to: table().save(to / "no" / "t.npz"),
         lambda to: ((to / "no").mkdir(), table().save(to / "no" / "t.npz")),
     ),
     "no compiler": (
-        "no C compiler was found; install gcc or clang, or name one in the environment variable CC",
+        "gcc or clang.*CC",
         lambda to: patched("shutil.which", lambda name: None, lambda: asked(to)),
         lambda to: patched("shutil.which", lambda name: None, lambda: asked(to, CC=COMPILER)),
     ),
@@ -809,12 +809,12 @@ def certified_run(velocity):
 
 ADVISED |= {
     "a velocity without bound": (
-        r"velocity along x under input 0 may be undefined or unbounded between \[0.51\] and \[0.52\], .*np.maximum",
+        r"along x under input 0.*\[0.51\] and \[0.52\].*np.maximum",
         lambda to: certified_run(lambda q, u: 0.02 * u[0] / (q - 0.513)),
         lambda to: certified_run(lambda q, u: 0.02 * u[0] / np.maximum(q - 0.513, 0.01)),
     ),
     "a velocity that grows too fast": (
-        r"velocity under input 1 grows too fast between \[2.\d+\] and \[\d.*limit it, for example by np.minimum",
+        r"under input 1.*\[2.\d+\] and \[\d.*np.minimum",
         lambda to: certified_run(lambda q, u: u[0] * (q / 1.5) ** 9),
         lambda to: certified_run(lambda q, u: u[0] * np.minimum((q / 1.5) ** 9, 2.0)),
     ),
@@ -841,72 +841,72 @@ ARRAY, TWO = np.zeros(3), [np.zeros(2), np.zeros(3)]
 REFUSED = [  # a call, what it says
     (
         lambda: sdhj.simulate(Controller(table()), [2.0], ["worst"]),
-        r"adversary must be one of .*\['worst'\]",
+        r"adversary.*aggressive.*\['worst'\]",
     ),
-    (lambda: sdhj.monte_carlo(Controller(table()), 5, {}), r"adversary must be one of"),
-    (lambda: Scheme(flux=ARRAY), "flux must be one of"),
-    (lambda: Scheme(order=ARRAY), "order must be one of"),
-    (lambda: Scheme(cfl=ARRAY), r"cfl must be a number in \(0, 1\]"),
-    (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl must be a number in \(0, 1\]"),
-    (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation must be one of"),
-    (lambda: replace(line(), view_time=ARRAY), "view_time must be one of"),
+    (lambda: sdhj.monte_carlo(Controller(table()), 5, {}), "adversary.*aggressive.*{}"),
+    (lambda: Scheme(flux=ARRAY), "flux.*godunov"),
+    (lambda: Scheme(order=ARRAY), "order.*1, 2, 3"),
+    (lambda: Scheme(cfl=ARRAY), r"cfl.*\(0, 1\].*array"),
+    (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl.*\(0, 1\].*complex"),
+    (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation.*limited"),
+    (lambda: replace(line(), view_time=ARRAY), "view_time.*sampled"),
     (
         lambda: replace(line(), steps=10**400),
-        r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\.",
+        r"steps.*1,000,000.*1000.*\.\.\.",
     ),
     (
         lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40),
-        "level set of 'target' cannot be read .* constant of type",
+        "'target'.*constant of type",
     ),
-    (lambda: TargetSet((0,), lambda p, t: TWO), "level set of 'target' cannot be read .* different lengths"),
+    (lambda: TargetSet((0,), lambda p, t: TWO), "'target'.*different lengths"),
     (
         lambda: TargetSet((0,), lambda p, t: None),
-        "level set of 'target' must return an array, got None: is its return missing",
+        "'target'.*None.*return",
     ),
-    (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "level set of 'target' must return real .*a comparison"),
-    (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox must be a function, got 'a'"),
-    (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox must be finite and at least 0, got -1.0"),
-    (lambda: BlackBox(max, rate=np.nan), "rate of a BlackBox must be finite"),
-    (lambda: BlackBox(max, enclosure=3), "enclosure of a BlackBox must be a function, got 3"),
-    (lambda: Dynamics(TWO, TWO, [[1.0]], [0.1]), "inputs must be real numbers"),
-    (lambda: Dynamics([[1.0]], [[1.0]], [[1.0]], TWO), "bounds must be real numbers"),
-    (lambda: Dynamics([[1.0]], lambda p: TWO, [[1.0]], [0.1]).read(1), "drift cannot be read .* different lengths"),
-    (lambda: Grid(TWO, [1.0], [5]), r"lower has 2|lower\[0\] must be a number"),
-    (lambda: Grid([ARRAY], [1.0], [5]), r"lower\[0\] must be a number"),
-    (lambda: Grid([0.0], [np.datetime64(3, "D")], [5]), r"upper\[0\] must be a number"),
-    (lambda: Grid([0.0], [1.0], [5], ends=[[["wall"], ["wall"]]]), "ends must be unsafe, wall, safe or a pair"),
-    (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
-    (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
-    (lambda: Certified(parts=0), "parts must be a whole number from 1 to"),
-    (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
-    (lambda: line().target_value([["a"]], 0.0), "points must be real numbers"),
-    (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
-    (lambda: table().values_at(np.full((1, 1, 1), np.nan), 0, np.array([3])), "points has a NaN"),
+    (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "'target'.*real.*comparison"),
+    (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox.*'a'"),
+    (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox.*-1.0"),
+    (lambda: BlackBox(max, rate=np.nan), "rate of a BlackBox.*nan"),
+    (lambda: BlackBox(max, enclosure=3), "enclosure of a BlackBox.*3"),
+    (lambda: Dynamics(TWO, TWO, [[1.0]], [0.1]), "inputs.*real numbers"),
+    (lambda: Dynamics([[1.0]], [[1.0]], [[1.0]], TWO), "bounds.*real numbers"),
+    (lambda: Dynamics([[1.0]], lambda p: TWO, [[1.0]], [0.1]).read(1), "drift.*different lengths"),
+    (lambda: Grid(TWO, [1.0], [5]), "lower.* 2 entries"),
+    (lambda: Grid([ARRAY], [1.0], [5]), r"lower\[0\].*number.*array"),
+    (lambda: Grid([0.0], [np.datetime64(3, "D")], [5]), r"upper\[0\].*number.*datetime64"),
+    (lambda: Grid([0.0], [1.0], [5], ends=[[["wall"], ["wall"]]]), "ends.*unsafe, wall, safe"),
+    (lambda: Grid([0.0], [1.0], b"abc"), "shape.*sequence.*b'abc'"),
+    (lambda: Certified(parts=10**400), "parts.*10,000.*1000"),
+    (lambda: Certified(parts=0), "parts.*10,000.* 0"),
+    (lambda: Certified(cells=[10**400]), "cells.* 2 .*1000"),
+    (lambda: line().target_value([["a"]], 0.0), "points.*real numbers"),
+    (lambda: sdhj.Projected(subspaces=ARRAY), r"subspaces.*\(0, 1, 2\)"),
+    (lambda: table().values_at(np.full((1, 1, 1), np.nan), 0, np.array([3])), "points.*NaN"),
     *(
-        (lambda speed=speed: solved(ring(speed), Certified(cells=[40])), "moves the state by more than 32,767 cells")
+        (lambda speed=speed: solved(ring(speed), Certified(cells=[40])), "32,767 cells")
         for speed in (1e10, 1e17, 1e18, 1e19, 1e20, 1e100, 1e300)
     ),
 ]
 GRIDS = [  # what differs from a grid in the plane, what it says
-    ({"lower": ["a", 0]}, "lower[0] must be a number, got 'a'"),
-    ({"lower": [0, "0"]}, "lower[1] must be a number, got '0'"),
-    ({"upper": [1, math.inf]}, "upper[1] must be finite, got inf"),
-    ({"upper": [10**400, 1]}, "upper[0] must be a number below 1e308, got 1000"),
-    ({"upper": [1e308, 1]}, "upper[0] must be at most 1e+300, got 1e+308"),
-    ({"lower": [0, -1e308]}, "lower[1] must be at least -1e+300, got -1e+308"),
-    ({"upper": [1, -1]}, "upper[1] must be greater than 0, got -1"),
-    ({"lower": [0, 1]}, "upper[1] must be greater than 1, got 1"),
-    ({"lower": -1}, "lower must be a sequence with one entry for each axis, for example a list, got -1"),
-    ({"upper": None}, "upper must be a sequence"),
-    ({"upper": np.array(1.0)}, "upper must be a sequence"),
-    ({"shape": 9}, "shape must be a sequence with one entry for each axis, for example a list, got 9"),
-    ({"shape": [9, "9"]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got '9'"),
-    ({"shape": [9, math.nan]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got nan"),
-    ({"shape": [9, 9.5]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got 9.5"),
-    ({"shape": [True, 9]}, "shape[0] must be a whole number from 5 to 1,000,000,000, got True"),
-    ({"shape": [9, 10**300]}, "shape[1] must be a whole number from 5 to 1,000,000,000, got 1000"),
-    ({"periodic": True}, "periodic must be a sequence"),
-    ({"periodic": ["no", True]}, "periodic[0] must be True or False, got 'no'"),
-    ({"periodic": [True, 0]}, "periodic[1] must be True or False, got 0"),
-    ({"names": 5}, "names must be a sequence"),
+    ({"lower": ["a", 0]}, r"lower\[0\].*number.*'a'"),
+    ({"lower": [0, "0"]}, r"lower\[1\].*number.*'0'"),
+    ({"upper": [1, math.inf]}, r"upper\[1\].*finite.*inf"),
+    ({"upper": [10**400, 1]}, r"upper\[0\].*1e308.*1000"),
+    ({"upper": [1e308, 1]}, r"upper\[0\].*1e\+300.*1e\+308"),
+    ({"lower": [0, -1e308]}, r"lower\[1\].*-1e\+300.*-1e\+308"),
+    ({"upper": [1, -1]}, r"upper\[1\].* 0.*-1"),
+    ({"lower": [0, 1]}, r"upper\[1\].* 1.* 1"),
+    ({"lower": -1}, "lower.*sequence.*-1"),
+    ({"upper": None}, "upper.*sequence.*None"),
+    ({"upper": np.array(1.0)}, "upper.*sequence.*array"),
+    ({"shape": 9}, "shape.*sequence.*9"),
+    ({"shape": [9, "9"]}, r"shape\[1\].* 5 .*'9'"),
+    ({"shape": [9, math.nan]}, r"shape\[1\].* 5 .*nan"),
+    ({"shape": [9, 9.5]}, r"shape\[1\].* 5 .*9.5"),
+    ({"shape": [True, 9]}, r"shape\[0\].* 5 .*True"),
+    ({"shape": [9, 10**300]}, r"shape\[1\].* 5 .*1000"),
+    ({"periodic": True}, "periodic.*sequence.*True"),
+    ({"periodic": ["no", True]}, r"periodic\[0\].*True or False.*'no'"),
+    ({"periodic": [True, 0]}, r"periodic\[1\].*True or False.*0"),
+    ({"names": 5}, "names.*sequence.*5"),
 ]

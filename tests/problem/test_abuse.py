@@ -1,6 +1,7 @@
 """What was got wrong by deliberate abuse: functions that lie, arrays that are no numbers, numbers without bounds."""
 
 import os
+import re
 import resource
 import runpy
 import subprocess
@@ -218,7 +219,7 @@ def test_a_function_that_answers_differently_is_named(name):
     def level_set(p, t):
         return np.abs(p[:, 0]) - 1.0 if name == "swept" else np.abs(p[:, 0]) - noise(len(p))
 
-    with pytest.raises(ValueError, match=f"{name}.* answers differently when it is called again"):
+    with pytest.raises(ValueError, match=f"{name}.* differently.*called again"):
         if name == "target":
             TargetSet((0,), level_set)
         elif name in ("unsafe", "swept"):
@@ -338,7 +339,7 @@ def test_a_level_set_may_return_a_list():
 @pytest.mark.parametrize("asked", ["0", "4097", "99999999", "-1", "1.5", ""])
 def test_a_number_of_threads_that_is_none_is_told(asked, monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", asked)
-    with pytest.warns(UserWarning, match=f"NUMBA_NUM_THREADS must be a whole number from 1 to 4096, got {asked};"):
+    with pytest.warns(UserWarning, match=f"NUMBA_NUM_THREADS.* 4096.* {asked};"):
         runpy.run_path(sdhj.__file__)
     assert "NUMBA_NUM_THREADS" not in os.environ
 
@@ -347,8 +348,7 @@ def test_a_number_of_threads_that_is_none_is_told(asked, monkeypatch):
 def test_before_numba_is_imported():
     done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS="many")
     assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr
-    said = "NUMBA_NUM_THREADS must be a whole number from 1 to 4096, got many;"
-    assert said in done.stderr and "Traceback" not in done.stderr
+    assert re.search("NUMBA_NUM_THREADS.* 4096.* many;", done.stderr) and "Traceback" not in done.stderr
 
 
 @pytest.mark.slow
@@ -363,8 +363,8 @@ def test_address_space_is_a_limit_and_is_named():
         ]
     )
     done = run_python(code, OPENBLAS_NUM_THREADS="1")
-    said = "left of the 3 GB of address space that ulimit -v allows; use fewer nodes"
-    assert done.returncode == 1 and said in done.stderr and "much needs about 2.9" in done.stderr, done.stderr
+    assert done.returncode == 1, done.stderr
+    assert re.search("much needs.* 2.9.*3 GB of address space.*ulimit -v.*fewer nodes", done.stderr), done.stderr
 
 
 def put(folder, **files):
@@ -384,8 +384,8 @@ def test_control_groups_of_both_versions_are_limits_and_are_named(tmp_path):
         memory__stat="file 7\ninactive_file 5\n",
     )
     put(root / "outer/inner", memory__max="max\n", memory__current="900000000\n", memory__stat="inactive_file 5\n")
-    told = [(100_000_005, f"are left of the 1 GB of the control group {root / 'outer'}")]
-    assert list(memory.of_control_groups(root, own)) == told
+    ((left, said),) = memory.of_control_groups(root, own)
+    assert left == 100_000_005 and "1 GB" in said and said.endswith(str(root / "outer"))
     own.write_text("3:cpu,cpuacct:/\n2:memory:/not/seen/from/here\n1:name=systemd:/\n")
     put(
         root / "memory",
@@ -393,8 +393,8 @@ def test_control_groups_of_both_versions_are_limits_and_are_named(tmp_path):
         memory__usage_in_bytes="600\n",
         memory__stat="total_inactive_file 50\ninactive_file 1\n",
     )
-    told = [(0, f"are left of the 5e-07 GB of the control group {root / 'memory'}")]
-    assert list(memory.of_control_groups(root, own)) == told
+    ((left, said),) = memory.of_control_groups(root, own)
+    assert left == 0 and "5e-07 GB" in said and said.endswith(str(root / "memory"))
     assert list(memory.of_control_groups(root, tmp_path / "absent")) == []
 
 

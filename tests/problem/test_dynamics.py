@@ -188,7 +188,7 @@ def test_functions_are_called_with_what_they_name():
         ({"drift": [[np.inf]]}, "NaN or an infinity"),
         ({"gain": [["a"]]}, "must be real numbers"),
         ({"bounds": [-0.1]}, r">= 0, got \[-0.1\]"),
-        ({"bounds": [[0.1]]}, "a row of half-widths"),
+        ({"bounds": [[0.1]]}, "half-widths"),
         ({"bounds": [0.1j]}, "must be real numbers"),
         ({"bounds": [np.nan]}, "bounds has a NaN"),
         ({"velocity": lambda q, u, v: q}, "give drift, with gain"),
@@ -893,7 +893,7 @@ def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
     with pytest.raises(ValueError, match="BlackBox without a slope"):
         wild.velocity_bounds(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
     problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
-    assert problem.opaque == {"drift": "a BlackBox of which nothing is declared"}
+    assert problem.opaque == {"drift": "nothing is declared"}
     with pytest.raises(ValueError, match="BlackBox without a slope"):
         sdhj.solve(problem, sdhj.Certified(cells=(8, 8)), progress=False)
 

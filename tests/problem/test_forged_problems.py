@@ -200,7 +200,7 @@ def test_what_is_described_is_what_the_head_names(name, saved, tmp_path):
     sdhj.load(path, problem=given)
     with forged(path) as parts:
         forge(*parts)
-    with pytest.raises(sdhj.TableFileError, match=r"was changed after it was written|can(not)? be read"):
+    with pytest.raises(sdhj.TableFileError, match=r"changed after|can(not)? be read"):
         sdhj.load(path, problem=given)
     with pytest.raises(ValueError, match="problem that it describes"):
         verify(path, given, progress=False)
@@ -224,7 +224,7 @@ def test_the_name_of_another_problem_is_found(of, saved, tmp_path):
     with forged(path) as (told, _):
         told["digest"] = problem(other).digest
     given = problem(globals()[of])
-    with pytest.raises(sdhj.TableFileError, match="was changed after it"):
+    with pytest.raises(sdhj.TableFileError, match="changed after"):
         sdhj.load(path, problem=given)
     with pytest.raises(ValueError, match="problem that it describes"):
         verify(path, progress=False)
@@ -312,7 +312,7 @@ def test_a_recipe_of_another_arm_is_found(name, arm, tmp_path):
         ARMS[name](*parts)
     with pytest.raises(sdhj.TableFileError):
         sdhj.load(path)
-    with pytest.raises(ValueError, match=r"of the head must be|make no sense"):
+    with pytest.raises(ValueError, match=r"of the head|no sense"):
         verify(path, samples=1, progress=False)
 
 

@@ -587,12 +587,12 @@ def asked(name: str, *given: Any) -> Any:
     return lambda: getattr(Controller(free_table()), name)(*given)
 
 
-SCORE = r"rule .* must return a score for each candidate, shape \(2,\), got \("
+SCORE = r"rule.*score.*\(2,\).*\("
 REFUSED = [
     *((ruled(scores), SCORE) for scores in (2.0, [0.0], np.array([[0.0, 1.0]]), np.array([]))),
     (
         ruled(lambda candidates: np.where(candidates.inputs == 1, np.nan, 0.0)),
-        r"rule .* met a NaN, for input 1 in state \[0\.7\]; look at the functions",
+        r"rule.*NaN.*input 1.*\[0\.7\]",
     ),
     (undefined, r"level set of 'target' is undefined or infinite \(nan\) at \["),
     (
@@ -600,10 +600,7 @@ REFUSED = [
         "rule",
     ),
     *((lambda rule=rule: Controller(free_table(), rule), "rule") for rule in (None, 3, ["deepest"], np.zeros(3))),
-    *(
-        (lambda table=table: Controller(table), r"what sdhj\.solve returns, got")
-        for table in (None, "table.npz", Controller)
-    ),
+    *((lambda table=table: Controller(table), r"sdhj\.solve returns") for table in (None, "table.npz", Controller)),
     *(
         (asked(name, [bad], 0), "NaN or an infinity")
         for name in ("steps_to_go", "safe_inputs", "select")

@@ -30,6 +30,6 @@ def test_what_does_not_fit_is_told_in_a_sentence_that_names_it(call, named):
 
 @pytest.mark.parametrize(("change", "said"), GRIDS)
 def test_of_a_grid_too(change, said):
-    with pytest.raises(ValueError, match=re.escape(said)) as raised:
+    with pytest.raises(ValueError, match=said) as raised:
         sdhj.Grid(**{"lower": [0, 0], "upper": [1, 1], "shape": [9, 9]} | change)
     assert len(str(raised.value)) < 600

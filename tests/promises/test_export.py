@@ -574,7 +574,7 @@ def test_what_cannot_be_exported_is_refused_in_a_line(tmp_path):
     for options, sentence in (
         ({"rule": "best"}, "rule must be"),
         ({"only": ("speed",)}, "only must be"),
-        ({"only": ()}, "only must name some of"),
+        ({"only": ()}, "only must name"),
         ({"brake": 99}, "brake"),
     ):
         with pytest.raises(ValueError, match=sentence):

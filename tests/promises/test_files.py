@@ -187,7 +187,7 @@ def test_files_of_older_formats_are_refused_in_a_sentence(tmp_path, begin):
     """Formats 1 and 2 were HDF5 files from the first byte on, 3 to 5 behind three lines of text."""
     path = tmp_path / "old.h5"
     path.write_bytes(begin + bytes(1000))
-    said = "is an HDF5 file, of an earlier sdhj, and .* reads NumPy's arrays" if len(begin) != 12 else "is damaged"
+    said = "HDF5.*earlier sdhj" if len(begin) != 12 else "is damaged"
     for read in (sdhj.load, read_head):
         with pytest.raises(sdhj.TableFileError, match=f"{said}.*; solve it anew$"):
             read(path)
@@ -485,12 +485,12 @@ def test_a_black_box_needs_its_problem_and_is_known_by_its_values(tmp_path):
     table.save(path)
     with pytest.raises(sdhj.TableFileError) as refused:
         sdhj.load(path)
-    told = "it has black boxes (unsafe 0: a BlackBox with slope, rate), which a file cannot contain: use load(path, "
-    assert told in str(refused.value) and "\n" not in str(refused.value)
+    assert re.search(r"unsafe 0: a BlackBox with slope, rate.*load\(path, ", str(refused.value))
+    assert "\n" not in str(refused.value)
     with np.load(path) as file:
         assert file["opaque.unsafe 0"].shape == (1000,)
     (part,) = table.problem.unsafe
-    for moved, told in ((1e-9, "the values of unsafe 0 differ by more than rounding"), (1e-14, "")):
+    for moved, told in ((1e-9, "values of unsafe 0"), (1e-14, "")):
         other = sdhj.BlackBox(lambda p, t, moved=moved: part.level_set(p, t) + moved, slope=1.0, rate=0.0)
         problem = dataclasses.replace(table.problem, unsafe=(dataclasses.replace(part, level_set=other),))
         if told:
@@ -510,5 +510,5 @@ def test_a_stronger_adversary_is_another_problem(tmp_path, part):
     given = {"gain": np.eye(3)[:, :2], "bounds": np.array([0.1, 0.1])}
     given[part] = 1.2 * given[part]
     dynamics = sdhj.Dynamics(problem.inputs, problem.dynamics.drift, **given)
-    with pytest.raises(sdhj.TableFileError, match=f"another problem.*; the formula of {part} is another$"):
+    with pytest.raises(sdhj.TableFileError, match=f"another problem.*formula of {part}"):
         sdhj.load(tmp_path / "own.npz", problem=dataclasses.replace(problem, dynamics=dynamics))

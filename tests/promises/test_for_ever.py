@@ -6,7 +6,6 @@ in gusts of .5 m/s^2. The pumps keep a level between 5 and 95 %. The judge share
 steps, and an adversary that decides five times in an interval for the vertex that leads nearest to an end.
 """
 
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -196,30 +195,22 @@ def test_pumps_keep_the_level_for_ever_by_what_is_measured(rng: np.random.Genera
 # ---- what a grid says of it
 
 
-FOR_EVER = re.escape(
-    "steps=None asks for ever, and on a grid an error at the boundary adds up from step to step. Use "
-    "method='certified' (a BlackBox needs enclosure= or slope= there), or give steps=N: safe for N steps from step 0, "
-    "asked at steps 0, 1, ..., N"
-)
+FOR_EVER = "for ever.*method='certified'.*enclosure= or slope=.*steps=N"
 
 
 @pytest.mark.parametrize("method", ["hji", "projected", sdhj.HJI(), Joint()])
 def test_no_grid_promises_for_ever(method: Any) -> None:
     problem = camera((9, 9))[0]
-    with pytest.raises(ValueError, match=f"^{FOR_EVER}$"):
+    with pytest.raises(ValueError, match=FOR_EVER):
         sdhj.solve(problem, method)
     target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 800.0, p[:, 1]) - 100.0)
     name = getattr(method, "name", method)
-    needs = (
-        f"method '{name}' needs a number of steps: give steps=60, say; steps_to_go tells where fewer are enough. "
-        "method='certified' finds the number by itself"
-    )
-    with pytest.raises(ValueError, match=f"^{re.escape(needs)}$"):
+    with pytest.raises(ValueError, match=f"'{name}'.*steps=60.*steps_to_go.*method='certified'"):
         sdhj.solve(replace(problem, target=target), method)
 
 
 def test_nor_does_a_method_of_the_formula_of_hopf_and_lax() -> None:
-    with pytest.raises(ValueError, match=f"^{FOR_EVER}$"):
+    with pytest.raises(ValueError, match=FOR_EVER):
         sdhj.solve(replace(pumps()[0], dynamics=sdhj.Dynamics([[0.0]], [[1.0]], [[1.0]], [3.0])), "lax")
 
 
@@ -235,7 +226,7 @@ def test_where_no_method_is_named_for_ever_is_proved(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("steps", [20, pytest.param(150, marks=pytest.mark.slow)])
 def test_a_number_of_steps_is_no_way_round(steps: int) -> None:
     """The camera's grid promises what is lost, whatever its nodes: half of the runs from its boundary are."""
-    said = "within a cell of its boundary .* runs lost to adversary greedy .*certified"
+    said = "within a cell.*greedy.*certified"
     with pytest.warns(ResolutionWarning, match=said):
         table = sdhj.solve(camera(steps=steps)[0], "hji", progress=False)
     told = table.details["played"]

@@ -159,7 +159,8 @@ def test_certified_is_checked_and_another_list_is_refused(tmp_path):
     assert verify(path, progress=False).ok
     assert sdhj.load(path).problem.unsafe[0].inputs == (1,)
     describe(path, line((1, 2)))
-    assert [one.name for one in verify(path, progress=False).claims if one.failed] == ["clear of the unsafe sets"]
+    (failed,) = (one.name for one in verify(path, progress=False).claims if one.failed)
+    assert "clear" in failed
     describe(path, line(None))
     assert not verify(path, progress=False).ok
 

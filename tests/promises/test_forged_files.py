@@ -59,7 +59,7 @@ def test_all_damage_is_found_before_the_head_is_believed(path, rng, count, monke
         path.write_bytes(damaged)
         with monkeypatch.context() as patch:
             patch.setattr(files, "checked_head", not_yet)
-            refused(path, "damaged, cut short or not a look-up table|format version")
+            refused(path, "damaged|format version")
             with pytest.raises(sdhj.TableFileError):
                 read_head(path)
 
@@ -76,14 +76,14 @@ def test_truncated_files_are_refused(path, keep):
 def test_a_forged_array_is_refused(path, name, forgery):
     with forged(path) as (told, arrays):
         replaced(name, FORGERIES[forgery])(told, arrays)
-    refused(path, f"is undamaged, but not a look-up table that can be read.*({name}|index|packed)")
+    refused(path, f"undamaged, but.*({name}|index|packed)")
 
 
 @pytest.mark.parametrize(
     ("name", "value", "match"),
     [
-        ("avoid_axes", {"static": [], "moving": [0, 9]}, "ascending axes of the"),
-        ("avoid_axes", {"static": [], "moving": [1, 0]}, "ascending axes of the"),
+        ("avoid_axes", {"static": [], "moving": [0, 9]}, "ascending axes"),
+        ("avoid_axes", {"static": [], "moving": [1, 0]}, "ascending axes"),
         ("avoid_axes", {"static": [], "moving": [0]}, "avoid_moving must be"),
         ("avoid_axes", {}, "static"),
         ("steps", 10**400, "steps"),
@@ -141,29 +141,29 @@ def forge_lines(path, name, lines):
 
 RETURN = "return 0"
 LINES = {
-    "unknown operation": ("target", ["x 0", "gamma 0", "return 1"], "line 1 of a formula, 'gamma 0',.*no operation"),
-    "later operand": ("target", ["x 0", "add 0 2", "abs 1", "return 2"], "'2' must be a whole number below 1"),
-    "own operand": ("target", ["x 0", "add 0 1", "return 1"], "'1' must be a whole number below 1"),
-    "negative operand": ("target", ["x 0", "abs -1", "return 1"], "'-1' must be a whole number"),
+    "unknown operation": ("target", ["x 0", "gamma 0", "return 1"], "line 1 of.*'gamma 0'.*no operation"),
+    "later operand": ("target", ["x 0", "add 0 2", "abs 1", "return 2"], "'2'.*below 1"),
+    "own operand": ("target", ["x 0", "add 0 1", "return 1"], "'1'.*below 1"),
+    "negative operand": ("target", ["x 0", "abs -1", "return 1"], "'-1'.*whole number"),
     "huge operand": ("target", ["x 0", f"abs {'9' * 5000}", "return 1"], "line 1 of a formula"),
-    "coordinate": ("target", ["x 1", RETURN], "'1' must be a whole number below 1"),
-    "parameter": ("target", ["p 1", RETURN], "'1' must be a whole number below 1"),
-    "huge exponent": ("target", ["x 0", "power 0 65", "return 1"], "exponents are whole numbers up to 64"),
+    "coordinate": ("target", ["x 1", RETURN], "'1'.*below 1"),
+    "parameter": ("target", ["p 1", RETURN], "'1'.*below 1"),
+    "huge exponent": ("target", ["x 0", "power 0 65", "return 1"], "exponents.*64"),
     "huger exponent": ("target", ["x 0", f"power 0 {'9' * 5000}", "return 1"], "line 1 of a formula"),
     "real exponent": ("target", ["x 0", "power 0 0.5", "return 1"], "line 1 of a formula"),
-    "too many lines": ("target", ["x 0"] * 100_000 + [RETURN], "must have 2 to 100,000 lines, got 100,001"),
-    "too few lines": ("target", [RETURN], "must have 2 to 100,000 lines, got 1"),
-    "no lines": ("target", [], "must have 2 to 100,000 lines"),
-    "no return": ("target", ["x 0", "abs 0"], "last line must be `return`"),
-    "nothing returned": ("target", ["x 0", "return"], "last line must be `return`"),
+    "too many lines": ("target", ["x 0"] * 100_000 + [RETURN], "2 to 100,000 lines.*100,001"),
+    "too few lines": ("target", [RETURN], "2 to 100,000 lines.*1"),
+    "no lines": ("target", [], "2 to 100,000 lines"),
+    "no return": ("target", ["x 0", "abs 0"], "last line.*`return`"),
+    "nothing returned": ("target", ["x 0", "return"], "last line.*`return`"),
     "return inside": ("target", ["x 0", RETURN, RETURN], "line 1 of a formula"),
-    "two results": ("target", ["x 0", "return 0 0"], "the formula 'target' must have 1 results, got 2"),
-    "results of dynamics": ("velocity", ["x 0", RETURN], "the formula 'velocity' must have 4 results, got 1"),
+    "two results": ("target", ["x 0", "return 0 0"], "'target'.*1 results.*2"),
+    "results of dynamics": ("velocity", ["x 0", RETURN], "'velocity'.*4 results.*1"),
     "operands": ("target", ["x 0", "add 0", "return 1"], "add has 2 operands"),
     "no table": (
         "unsafe 1",
         ["x 0", "gridded 1 0 lower 0x0p+0 spacing 0x1p+0", "return 1"],
-        "must be a whole number below 1",
+        "whole number below 1",
     ),
     "axes of a table": (
         "unsafe 1",

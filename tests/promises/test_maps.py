@@ -271,12 +271,12 @@ PIXELS = flat().tobytes()
 NOISE = np.random.default_rng(0).integers(0, 256, (40, 30), np.uint8)  # line ends among them
 PICTURES = {
     "empty": (b"", "cannot identify"),
-    "short": (b"P5\n4 4\n255\n12", "16 bytes must follow its header, for 4 x 4 pixels, and 2 do"),
-    "a pixel more": (binary_pgm(flat()) + b"\n", "768 bytes must follow its header.* and 769 do"),
-    "Git's line ends": (binary_pgm(flat()).replace(b"\n", b"\r\n"), r"769 do; if Git or an editor.*\.gitattributes"),
-    "line ends of noise": (binary_pgm(NOISE).replace(b"\n", b"\r\n"), "bytes must follow its header"),
+    "short": (b"P5\n4 4\n255\n12", "16 bytes.*4 x 4 pixels.* 2 "),
+    "a pixel more": (binary_pgm(flat()) + b"\n", "768 bytes.*769"),
+    "Git's line ends": (binary_pgm(flat()).replace(b"\n", b"\r\n"), r"769.*\.gitattributes"),
+    "line ends of noise": (binary_pgm(NOISE).replace(b"\n", b"\r\n"), "bytes must follow"),
     "line ends without returns": (binary_pgm(np.tile([13, 10], (4, 4))).replace(b"\r\n", b"\n"), "and 16 do"),
-    "a pixel less of 16 bits": (binary_pgm(flat() * 257.0, 65535)[:-2], "1,536 bytes must follow its header"),
+    "a pixel less of 16 bits": (binary_pgm(flat() * 257.0, 65535)[:-2], "1,536 bytes"),
     "the maximum of 8 bits": (binary_pgm(flat() * 257.0, 65535).replace(b"65535", b"00255"), "and 1,536 do"),
     "bits": (b"P4\n9 2\n" + bytes(3), "4 bytes must follow"),
     "colours": (b"P6\n2 2\n255\n" + bytes(4), "12 bytes must follow"),
@@ -296,7 +296,7 @@ PICTURES = {
 @pytest.mark.parametrize("kind", PICTURES)
 def test_bad_pictures_are_named(written: Callable[..., Path], tmp_path: Path, kind: str) -> None:
     picture, said = PICTURES[kind]
-    with refused_soon(f"map\\.pgm is not a picture of a map, such as a PGM or PNG file: .*({said})"):
+    with refused_soon(f"map\\.pgm is not a picture.*({said})"):
         UnsafeSet.from_map(written(picture))
 
 
@@ -308,7 +308,7 @@ def bomb_of_aliases() -> str:
 
 
 TEXTS = {
-    "bomb in the origin": (bomb_of_aliases() + "\norigin: *a8\n", "origin must be three numbers"),
+    "bomb in the origin": (bomb_of_aliases() + "\norigin: *a8\n", "origin.*three numbers"),
     "bombs in the origin": (bomb_of_aliases() + "\norigin: [*a8, *a8, *a8]\n", r"origin\[0\]"),
     "bomb as mode": (bomb_of_aliases() + "\nmode: *a8\n", "mode"),
     "itself": ("origin: &a [*a, 0, 0]\n", "recursive"),
@@ -316,7 +316,7 @@ TEXTS = {
     "braces": ("origin: " + "{a: " * 900, "more than 100 brackets"),
     "dashes": ("origin:\n" + "- " * 1_900, "not the YAML file"),
     "a long name": ("image: " + "x" * 3_000, "File name too long"),
-    "many numbers": ("origin: [" + "0, " * 1_000 + "0]", "origin must be three numbers"),
+    "many numbers": ("origin: [" + "0, " * 1_000 + "0]", "origin.*three numbers"),
     "800,000 characters": ("image: " + "x" * 800_000, "has more than 4,096 bytes"),
     "a tag": ("origin: !!python/object/apply:os.system [exit 1]", "three numbers"),
     "escapes": ('image: "\\e[31m\\nred"', "not a picture"),

@@ -69,9 +69,7 @@ def test_near_extinction_what_is_lost_outside_the_target_is_told(solves_are_play
     found = far.played(400)
     assert 0 < found.outside_lost == found.lost <= found.outside < 400
     assert f"{found.lost} of {found.outside} from outside the target" in str(found)
-    assert (
-        found.advice.startswith("From none of the states drawn outside the target") and "more nodes" not in found.advice
-    )
+    assert found.advice.startswith("From none") and "more nodes" not in found.advice
     weak = replace(far.problem, dynamics=sdhj.Dynamics(strong.inputs, strong.inputs, [[1.0]], [0.6]))
     assert not replace(far, problem=weak).played(400).advice.startswith("From none")
 
@@ -81,8 +79,7 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     with pytest.warns(ResolutionWarning, match="no input stays clear"):
         sdhj.solve(replace(problem, unsafe=(UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 3.9, name="bars"),)))
     weak = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], [1.5])
-    kept = "from 94% of the free states some input stays clear for one interval, but hardly from any for all steps; use"
-    with pytest.warns(ResolutionWarning, match=f"{kept} stronger inputs"):
+    with pytest.warns(ResolutionWarning, match="from 94%.*one interval.*stronger inputs"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
     blurred = replace(problem, steps=40, sensing=sdhj.Sensing(error=0.5, memory=False))
     with pytest.warns(ResolutionWarning, match="an input changes x1") as seen:

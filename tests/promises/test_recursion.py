@@ -277,13 +277,13 @@ def test_single_precision_moves_the_shares_by_little():
     [
         (lambda: Joint(scheme="hji"), "got 'hji'"),
         (lambda: HJI(scheme="hji"), "got 'hji'"),
-        (lambda: HJI(scheme={"order": 2}), "must be a sdhj.Scheme"),
+        (lambda: HJI(scheme={"order": 2}), "sdhj.Scheme"),
         (lambda: HopfLax(interpolation="foo"), "interpolation"),
         (lambda: HopfLax(interpolation=["linear"]), "interpolation"),
         (lambda: HopfLax(dtype="float16"), "dtype"),
         (lambda: Projected(inner="lax"), "a sdhj.HopfLax, got 'lax'"),
         (lambda: Projected(inner=Joint()), "a sdhj.HopfLax, got Joint"),
-        (lambda: Projected(inner=Projected()), "must be a sdhj.HJI"),
+        (lambda: Projected(inner=Projected()), "sdhj.HJI"),
     ],
 )
 def test_unknown_options_are_named(made, named):

@@ -460,7 +460,7 @@ class Place:
     y: object = 0.0  # with one field only, Python 3.13 returns what comparing that gives
 
 
-DECISION, NUMBER = "a decision", "a conversion to a plain number"
+DECISION, NUMBER = "a decision", "a plain number"
 KIND, LONG = "numbers of type|with an answer of", "differently"
 REFUSE = {
     "if": (lambda p, t: p[:, 0] if t > 1 else p[:, 1], DECISION),
@@ -478,7 +478,7 @@ REFUSE = {
     "in": (lambda p, t: p[:, 0] + (0.0 in p), DECISION),
     "hash": (lambda p, t: p[:, 0] + {0.7: 1.0}.get(t, 2.0), DECISION),
     "range": (lambda p, t: p[:, 0] + sum(range(t)), NUMBER),
-    "mask": (lambda p, t: p[p[:, 0] > 0][:, 0], r"a mask.*np.where\(mask, x, out\)"),
+    "mask": (lambda p, t: p[p[:, 0] > 0][:, 0], r"mask.*np.where\(mask, x, out\)"),
     "masked for masked": (lambda p, t: operator.setitem(p.copy(), p > 0, p[p > 0]), r"np.where\(mask, x, out\)"),
     "sign of a zero": (lambda p, t: np.copysign(1.0, p[:, 0]), r"numpy.copysign; .* np.where\(b < 0, -abs"),
     "degrees of freedom": (lambda p, t: p.var(axis=1, ddof=1), "numpy.var with axis, ddof"),
@@ -500,7 +500,7 @@ REFUSE = {
     "single": (lambda p, t: p[:, 0].astype(np.float32), "to float32; formulas compute with float64"),
     "rounded counts": (lambda p, t: np.round((p > 0).sum(axis=1)) + p[:, 0], "numpy.round of int64"),
     "joined as text says": (lambda p, t: np.r_["-1", p[:, 0]], "a str in place of numbers"),
-    "a plain array": (lambda p, t: np.vectorize(abs)(p[:, 0]), r"use np.stack, or write into np.zeros\(\(len"),
+    "a plain array": (lambda p, t: np.vectorize(abs)(p[:, 0]), r"np.stack.*np.zeros\(\(len"),
     "single time": (lambda p, t: p[:, 0] + (np.float32([0.1]) * t), "float32"),
     "half": (lambda p, t: np.sqrt(p[:, 0] > 0) + p[:, 1], KIND),
     "whole exponent": (lambda p, t: np.where(p[:, 0] > 0, 1, 2) ** -1, KIND),
@@ -569,11 +569,11 @@ REFUSE = {
     "tries shapes": (tries_shapes, "matmul|mismatch|ValueError"),
     "tries keywords": (tries_keywords, "numpy.sum"),
     "probes": (probes, "attribute 'flags'"),
-    "plain room": (plain_room, "conversion to a plain number.* in place of writing"),
+    "plain room": (plain_room, "plain number.*in place of"),
     "argument written": (argument_written, "writing into an argument"),
     "argument increased": (argument_increased, "writing into an argument"),
     "view written": (view_written, "writing into an argument"),
-    "compiled": (compiled, "a call of compiled code; .* py_func"),
+    "compiled": (compiled, "compiled code.*py_func"),
 }
 
 

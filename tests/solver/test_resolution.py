@@ -274,18 +274,18 @@ def on_the_ring(drift=FREE, target=CLOSE, axes=(0,), level=BACKWARDS, sampling="
 
 CUT = lambda p, t: np.abs(p[:, 0] - np.pi) - 0.3  # noqa: E731
 MISTAKES = {
-    "an unsafe set cut off": ({"level": CUT}, "unsafe set 'o' is cut off where the periodic axis angle"),
+    "an unsafe set cut off": ({"level": CUT}, "unsafe set 'o' is cut off.*angle"),
     "a target cut off": (
         {
             "target": lambda p, t: np.maximum(CUT(p, t), np.abs(p[:, 1]) - 0.3),
             "axes": (1,),
             "level": lambda p, t: p[:, 0] + 0.8,
         },
-        "target 'target' is cut off where the periodic axis angle",
+        "target 'target' is cut off.*angle",
     ),
     "a velocity that jumps": (
         {"drift": lambda q, u: np.stack([u[0] - 0.3 * q[:, 0], np.full(len(q), u[1])], axis=1)},
-        "velocity along angle jumps from .* where the periodic axis angle ends .* k np.sin",
+        "along angle jumps.*np.sin",
     ),
     "nowhere": (
         {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 9.0) - 0.3},
@@ -293,7 +293,7 @@ MISTAKES = {
     ),
     "a thin fence": (
         {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 0.513) - 0.004},
-        "unsafe set 'o' hides between the nodes at height = 0.513",
+        "'o' hides.*height = 0.513",
     ),
 }
 METHODS = {"hji": "hji", "joint": Joint(), "lax": "lax", "projected": "projected"}

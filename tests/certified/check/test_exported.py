@@ -194,13 +194,13 @@ def test_a_file_of_another_version_or_with_images_of_another_shape_is_refused(tm
     data = exported_of(joint())
     assert data[8] == 2 and exported_of(robot())[8] == 1
     for at, value, sentence in (
-        (8, 3, "must be of version 1 or 2; export it anew"),
-        (8, 1, "only a table of version 2 has images"),
-        (80, 0, "only a table of version 2 has images"),
-        (80, 2, "parts of the exported table must fit"),
-        (209, 1, "parts of the exported table must fit"),  # layers are cells: 62 of the speed, 60 of the angle
-        (209, 3, "parts of the exported table must fit"),
-        (209, 4, "only a table of version 2 has images"),
+        (8, 3, "version 1 or 2"),
+        (8, 1, "version 2 has images"),
+        (80, 0, "version 2 has images"),
+        (80, 2, "exported table must fit"),
+        (209, 1, "exported table must fit"),  # layers are cells: 62 of the speed, 60 of the angle
+        (209, 3, "exported table must fit"),
+        (209, 4, "version 2 has images"),
     ):
         bad = bytearray(data)
         bad[at] = value
@@ -220,7 +220,7 @@ def test_layers_are_those_of_the_table(tmp_path):
         data = bytearray(exported_of(table))
         assert data[212:216] == bytes([6, 0, 0, 0])  # of the speed: both ends
         data[212] = flag
-        assert "exported: the cells and inputs are the table's" in failed(table, signed(data), tmp_path)
+        assert any("cells and inputs" in said for said in failed(table, signed(data), tmp_path))
 
 
 @pytest.mark.slow
@@ -233,7 +233,8 @@ def test_cells_claimed_elsewhere_are_refused(tmp_path):
         bad = bytearray(data)
         bad[at + 6 if at > 250 else at] ^= 1
         try:
-            assert failed(robot(), signed(bad), tmp_path) == {"exported: the cells and inputs are the table's"}, at
+            (said,) = failed(robot(), signed(bad), tmp_path)
+            assert "cells and inputs" in said, at
         except ValueError as error:
             assert "exported table" in str(error)
 

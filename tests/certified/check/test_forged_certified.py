@@ -86,7 +86,7 @@ def test_all_damage_is_found_before_the_head_is_believed(path, reader, rng, coun
 def test_a_forged_array_is_refused(path, reader, name, forgery):
     with forged(path) as (told, arrays):
         replaced(name, FORGERIES[forgery])(told, arrays)
-    refused(path, reader, "not a look-up table that can be read|make no sense")
+    refused(path, reader, "can be read|no sense")
 
 
 def ones(told, arrays):
