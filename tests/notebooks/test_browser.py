@@ -275,12 +275,14 @@ def test_words_of_pictures_reach_who_only_opens_a_chapter(lab: tuple[Any, str, P
 
 
 @pytest.fixture(scope="module", params=CHAPTERS, ids=lambda path: path.stem)
-def chapter(request: pytest.FixtureRequest, opened: Any) -> tuple[Any, list[str]]:
+def chapter(request: pytest.FixtureRequest, opened: Any) -> Iterator[tuple[Any, list[str]]]:
     """The page with a chapter's widgets, each in a cell of its own, and their calls."""
     cells = widget_cells(request.param)
     if not cells:
         pytest.skip("no widget in this chapter")
-    return opened(cells, request.param.stem), [cell.splitlines()[-1] for cell in cells]
+    page = opened(cells, request.param.stem)
+    yield page, [cell.splitlines()[-1] for cell in cells]
+    page.evaluate("window.jupyterapp.shell.currentWidget.sessionContext.shutdown()")  # and its tables
 
 
 def test_every_control_goes_to_both_ends(chapter: tuple[Any, list[str]]) -> None:
