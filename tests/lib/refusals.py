@@ -887,6 +887,102 @@ REFUSED = [  # a call, what it says
         for speed in (1e10, 1e17, 1e18, 1e19, 1e20, 1e100, 1e300)
     ),
 ]
+
+
+def writing(p, *others):
+    """A level set that moves the points that it is given."""
+    p -= 0.5
+    return np.abs(p[:, 0]) - 1.0
+
+
+def stopping(given):
+    given[...] = 0.0
+    return given
+
+
+def moved_by(drift=MOVES, gain=((1.0,),), bounds=(0.2,)):
+    """Dynamics whose functions have been called."""
+    return Dynamics(MOVES, drift, gain, bounds).read(1)
+
+
+def among(share):
+    """A level set that hangs on how many points there are: they come in pieces, and in runs one by one."""
+    return TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + share / len(p))
+
+
+REFUSED += [  # functions that change what they are given, or answer otherwise than of each state by itself
+    (lambda: TargetSet((0,), writing), "level set of 'target'"),
+    (lambda: UnsafeSet((0,), wall, writing), "writing into an argument"),
+    (lambda: moved_by(lambda p, u: stopping(p)), "drift under input 0"),
+    (lambda: moved_by(gain=lambda q, u: stopping(u)[None]), "read-only\nwhile gain under input 0"),
+    (lambda: among(1.0), "'target'.* differently"),
+    (lambda: among(1e-15), "'target'.* differently"),
+    (lambda: moved_by(lambda p, u: 0.0 * p + u / (1.0 + len(p))), "input 0.* differently"),
+    (lambda: moved_by(gain=lambda p: np.full((len(p), 1, 1), p.max())), "gain.* differently"),
+]
+
+
+CALLS = iter(range(10**9))
+
+
+def restless(shape):
+    return np.full(shape, 0.5 + 1e-9 * next(CALLS))
+
+
+def at_rest(p, *times):
+    return np.abs(p[:, 0]) - 1.0
+
+
+def unsteady(p, *times):
+    return np.abs(p[:, 0]) - restless(len(p))
+
+
+UNSTEADY = {
+    "target": lambda: TargetSet((0,), unsteady),
+    "unsafe": lambda: UnsafeSet((0,), unsteady, name="unsafe"),
+    "swept": lambda: UnsafeSet((0,), at_rest, lambda p, *t: unsteady(p) - 1.0, "unsafe"),
+    "drift": lambda: moved_by(lambda p, u: restless(p.shape)),
+    "gain": lambda: moved_by(gain=lambda q, t: restless((1, 1))),
+    "bounds": lambda: moved_by(bounds=lambda t: restless(1)),
+}
+REFUSED += [(call, f"{name}.* differently.*called again") for name, call in UNSTEADY.items()]
+NO_NUMBERS = {
+    "masked": np.ma.array([2.0], mask=[True]),
+    "complex": np.array([2.0 + 1.0j]),
+    "date": np.array(["2020-01-01"], "datetime64[D]"),
+    "duration": np.array([2], "timedelta64[s]"),
+    "text": ["2.0"],
+    "nothing": None,
+    "ragged": [[1.0], [1.0, 2.0]],
+    "bool": [True],
+}
+
+
+def answers_of(kind):
+    """All that is asked with a state, or a row of one, that is no number: what names it in the error, and the call."""
+    q = row = NO_NUMBERS[kind]
+    if kind not in ("nothing", "ragged"):
+        row = (np.ma.asanyarray if kind == "masked" else np.asarray)(q)[None]
+    yield "a state", lambda: Controller(table()).steps_to_go(q, 0)
+    yield "a state", lambda: Controller(table()).select(q, 0)
+    yield "states", lambda: Controller(table()).batch(row, 0)
+    yield "states", lambda: table().hazards(row, 0)
+    yield "states", lambda: Controller(table()).filter(q, 0, 1)
+    yield "points", lambda: table().contains(row, start=0, within=1)
+    yield "points", lambda: line().target_value(row, 0.0)
+    yield "points", lambda: line().unsafe_value(row, 0.0)
+    yield "points", lambda: line().grid.interpolate(table().values(start=0, within=1), row)
+    yield "q0", lambda: sdhj.simulate(Controller(table()), q)
+    if kind in ("masked", "complex", "date", "ragged"):
+        yield "wanted", lambda: Controller(table()).filter([2.0], 0, q)
+
+
+REFUSED += [(call, f"^{name} ") for kind in NO_NUMBERS for name, call in answers_of(kind)]
+REFUSED += [
+    (lambda name=name, wrong=wrong: replace(line(), **{name: wrong}), rf"^{name}.* sdhj\.\w+")
+    for name in ("grid", "dynamics")
+    for wrong in (None, 3, "grid", [1], {}, Grid, np.zeros(3))
+]
 GRIDS = [  # what differs from a grid in the plane, what it says
     ({"lower": ["a", 0]}, r"lower\[0\].*number.*'a'"),
     ({"lower": [0, "0"]}, r"lower\[1\].*number.*'0'"),

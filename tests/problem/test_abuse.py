@@ -15,7 +15,7 @@ import pytest
 from zoo import interval_problem, interval_table
 
 import sdhj
-from sdhj import BlackBox, Controller, Dynamics, Grid, TargetSet, UnsafeSet
+from sdhj import BlackBox, Controller, Dynamics, TargetSet, UnsafeSet
 from sdhj.certified import Certified
 from sdhj.common import memory
 
@@ -65,10 +65,7 @@ def test_a_level_set_that_is_no_number_stops_the_run(kind):
         sdhj.monte_carlo(controller, 500, progress=False)
 
 
-def test_values_that_single_precision_takes_for_zero_are_refused():
-    tiny = TargetSet((0,), lambda p, t: 1e-46 * (np.abs(p[:, 0]) - 1.0))
-    with pytest.raises(ValueError, match="level set of 'target'"):
-        on_line(target=tiny)
+def test_small_values_are_taken():
     small = TargetSet((0,), lambda p, t: 1e-30 * (np.abs(p[:, 0]) - 1.0))
     wholly = TargetSet((0,), lambda p, t: np.zeros(len(p)))
     flagged = TargetSet((0,), lambda p, t: np.where(np.abs(p[:, 0]) > 1.0, 1.0, 0.0))
@@ -149,30 +146,6 @@ def test_a_swept_function_is_tried_in_every_step():
 # ---- functions and the library's arrays
 
 
-def test_functions_that_write_to_what_they_are_given_are_named():
-    def level_set(p, t):
-        p -= 0.5
-        return np.abs(p[:, 0]) - 1.0
-
-    def drift(p, u):
-        p *= 0.0
-        return p
-
-    def gain(q, u):
-        u[:] = 0.0
-        return [[1.0]]
-
-    with pytest.raises(ValueError, match="level set of 'target'"):
-        TargetSet((0,), level_set)
-    with pytest.raises(ValueError, match="writing into an argument"):
-        UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, t0, t1: level_set(p, t0))
-    with pytest.raises(ValueError, match="drift under input 0"):
-        moved_by(drift).read(1)
-    with pytest.raises(ValueError, match="read-only\nwhile gain under input 0 was read"):
-        moved_by(gain=gain).read(1)
-    assert a_line().inputs.tolist() == [[-1.0], [0.0], [1.0]]
-
-
 def test_a_reused_buffer_is_copied():
     kept = np.empty(1000)
 
@@ -188,50 +161,6 @@ def test_a_reused_buffer_is_copied():
     rising = UnsafeSet((0,), BlackBox(lambda p, t: reused(p, -t)))  # the least value comes first
     assert rising.over(points, 0.0, 1.0, "sampled").tolist() == [0.0, 1.0]
     assert not np.shares_memory(TargetSet((0,), BlackBox(reused)).level_set(points, 0.0), kept)
-
-
-@pytest.mark.parametrize("share", [1.0, 1e-15])
-def test_a_level_set_that_looks_at_all_points_together_is_named(share):
-    """Points come in pieces, and in runs one by one; by however little it hangs on their number."""
-    with pytest.raises(ValueError, match="of 'target' answers differently"):
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + share / len(p))
-
-
-@pytest.mark.parametrize(
-    ("name", "function", "said"),
-    [
-        ("drift", lambda p, u: 0.0 * p + u / (1.0 + len(p)), "input 0 answers differently"),
-        ("gain", lambda p: np.full((len(p), 1, 1), p.max()), "gain treats points differently"),
-    ],
-)
-def test_so_are_velocities(name, function, said):
-    with pytest.raises(ValueError, match=said):
-        moved_by(**{name: function}).read(1)
-
-
-@pytest.mark.parametrize("name", ["target", "unsafe", "swept", "drift", "gain", "bounds"])
-def test_a_function_that_answers_differently_is_named(name):
-    calls = iter(range(10**6))
-
-    def noise(shape):
-        return np.full(shape, 0.5 + 1e-9 * next(calls))
-
-    def level_set(p, t):
-        return np.abs(p[:, 0]) - 1.0 if name == "swept" else np.abs(p[:, 0]) - noise(len(p))
-
-    with pytest.raises(ValueError, match=f"{name}.* differently.*called again"):
-        if name == "target":
-            TargetSet((0,), level_set)
-        elif name in ("unsafe", "swept"):
-            least = lambda p, t0, t1: np.abs(p[:, 0]) - 1.0 - noise(len(p))  # noqa: E731
-            UnsafeSet((0,), level_set, least if name == "swept" else None, "unsafe")
-        else:
-            shapes = {
-                "drift": lambda p, u: noise(p.shape),
-                "gain": lambda q, t: noise((1, 1)),
-                "bounds": lambda t: noise(1),
-            }
-            moved_by(**{name: shapes[name]}).read(1)
 
 
 def test_a_network_in_single_precision_is_taken(rng):
@@ -282,50 +211,6 @@ def test_rules_and_adversaries_read_only():
         sdhj.simulate(controller, ONE, pushing)
     played = sdhj.simulate(controller, ONE, reused).disturbances[:20, 0]
     assert played == pytest.approx(0.1 * np.cos(np.arange(20)))
-
-
-# ---- what is no number
-
-NO_NUMBERS = {
-    "masked": np.ma.array([2.0], mask=[True]),
-    "complex": np.array([2.0 + 1.0j]),
-    "date": np.array(["2020-01-01"], "datetime64[D]"),
-    "duration": np.array([2], "timedelta64[s]"),
-    "text": ["2.0"],
-    "nothing": None,
-    "ragged": [[1.0], [1.0, 2.0]],
-    "bool": [True],
-}
-
-
-@pytest.mark.parametrize("kind", NO_NUMBERS)
-def test_states_that_are_no_numbers_are_refused(kind):
-    table, q = interval_table(), NO_NUMBERS[kind]
-    controller, row = Controller(table), q if q is None or kind == "ragged" else np.ma.asanyarray(q)[None]
-    row = row if kind == "masked" or row is None or kind == "ragged" else np.asarray(row)
-    asked = {
-        "a state": [lambda: controller.steps_to_go(q, 0), lambda: controller.select(q, 0)],
-        "states": [lambda: controller.batch(row, 0), lambda: table.hazards(row, 0), lambda: controller.filter(q, 0, 1)],
-        "points": [
-            lambda: table.contains(row, start=0, within=1),
-            lambda: table.problem.target_value(row, 0.0),
-            lambda: table.problem.unsafe_value(row, 0.0),
-            lambda: table.grid.interpolate(table.values(start=0, within=1), row),
-        ],
-        "q0": [lambda: sdhj.simulate(controller, q)],
-        "wanted": [lambda: controller.filter(ONE, 0, q)] if kind in ("masked", "complex", "date", "ragged") else [],
-    }
-    for name, calls in asked.items():
-        for call in calls:
-            with pytest.raises(ValueError, match=f"^{name} must be "):
-                call()
-
-
-@pytest.mark.parametrize("wrong", [None, 3, "grid", [1], {}, Grid, np.zeros(3)])
-def test_parts_of_a_problem_of_the_wrong_kind_are_named(wrong):
-    for name in ("grid", "dynamics"):
-        with pytest.raises(ValueError, match=rf"^{name} must be a sdhj\.\w+, got"):
-            replace(a_line(), **{name: wrong})
 
 
 def test_a_level_set_may_return_a_list():
