@@ -7,11 +7,11 @@ import threading
 import numpy as np
 import pytest
 from naive_certified import SMALL
+from room import room
 from zoo import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.common import memory as memory_module
 
 CELLS = (12, 12, 16)
 
@@ -21,10 +21,9 @@ def test_cells_and_megabytes_are_said_first(capsys):
     assert "80 cells, at most" in capsys.readouterr().err
 
 
-def test_memory_is_stated_before_anything_is_made(monkeypatch):
-    monkeypatch.setattr(memory_module, "available", lambda: (10**7, "are left"))
+def test_memory_is_stated_before_anything_is_made():
     for problem in (unicycle_problem(), sdhj.arm_case_study(**SMALL)):
-        with pytest.raises(MemoryError, match="use fewer cells"):
+        with room(10**7), pytest.raises(MemoryError, match="fewer cells"):
             sdhj.Certified(cells=(300,) * problem.grid.ndim).proof(problem)
 
 

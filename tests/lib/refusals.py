@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import zoo
 from click.testing import CliRunner
+from room import room
 from zoo import interval_problem, unicycle_problem
 
 import sdhj
@@ -710,12 +711,7 @@ def patched(name, value, act):
 
 def with_room(nbytes, act):
     """What `act` does where so little memory is free, and all of it is counted."""
-    free = lambda: (nbytes, "are available")  # noqa: E731
-    with (
-        mock.patch("sdhj.common.memory.available", free),
-        mock.patch("sdhj.common.memory.SPARE", 0),
-        mock.patch("sdhj.certified.check.reading.free_memory", lambda: [nbytes]),
-    ):
+    with room(nbytes):
         return act()
 
 

@@ -8,9 +8,9 @@ import naive_controller
 import numpy as np
 import pytest
 import zoo
+from room import room
 
 import sdhj
-from sdhj.common import memory
 
 
 def rooms(**given: Any) -> sdhj.ReachAvoidProblem:
@@ -261,7 +261,7 @@ def test_with_sensing_and_from_a_store(tmp_path: Any) -> None:
 
 
 @pytest.mark.slow
-def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+def test_what_has_no_cost_along_the_run_is_refused(tmp_path: Any) -> None:
     """Each in a line that says what to do, and the advice holds."""
     made = table("hji")
     for cost in ("deepest", 1, None):
@@ -295,7 +295,5 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
     sdhj.CostToGo(empty, "effort", progress=False)
     with pytest.raises(ValueError, match="rule"):
         sdhj.export_c(table("certified"), tmp_path, rule=sdhj.CostToGo(table("certified"), "effort"))  # type: ignore[arg-type]
-    monkeypatch.setattr(memory, "available", lambda: (100_000, "are available"))
-    monkeypatch.setattr(memory, "SPARE", 0)
-    with pytest.raises(MemoryError, match="needs about"):
+    with room(100_000), pytest.raises(MemoryError, match="needs about"):
         sdhj.CostToGo(made, "effort")

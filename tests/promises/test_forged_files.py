@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 from forging import FORGERIES, forged, replaced, retold, spoiled
 from parameters import but_slow
+from room import room
 from zoo import torus_problem
 
 import sdhj
 from sdhj.cli import main
-from sdhj.common import memory as memory_module
 from sdhj.table import files
 from sdhj.table.files import read_head
 
@@ -79,11 +79,9 @@ def test_text_that_tells_nothing_is_refused(path, text):
         read_head(path)
 
 
-def test_a_packed_array_that_does_not_fit_into_memory_is_told(path, monkeypatch):
+def test_a_packed_array_that_does_not_fit_into_memory_is_told(path):
     sdhj.load(path).save(path, compress=True)
-    monkeypatch.setattr(memory_module, "available", lambda: (1000, "are available"))
-    monkeypatch.setattr(memory_module, "SPARE", 0)
-    with pytest.raises(MemoryError, match="the file needs about"):
+    with room(1000), pytest.raises(MemoryError, match="the file needs about"):
         sdhj.load(path, problem=torus())
 
 

@@ -18,6 +18,7 @@ import pytest
 import zoo
 from digest_cases import CASES
 from on_disk import assert_bit_equal
+from room import room
 
 import sdhj
 from sdhj.solver import entries
@@ -314,8 +315,7 @@ def test_memory_and_disk_are_looked_at_first(problem, tmp_path, monkeypatch):
     stop_after(monkeypatch, 0, Stopped())
     with pytest.warns(UserWarning, match="1e-06 GB are free"), pytest.raises(Stopped):
         sdhj.solve(problem, store=tmp_path / "t", progress=False)
-    monkeypatch.setattr("sdhj.common.memory.available", lambda: (10**8, "are available"))
-    with pytest.raises(MemoryError, match=r"0\.1 GB are available"):
+    with room(10**8), pytest.raises(MemoryError, match=r"0\.1 GB are available"):
         sdhj.solve(problem, store=tmp_path / "u", progress=False)
     assert not (tmp_path / "u").exists()
 

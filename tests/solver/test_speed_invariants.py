@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 from plain import run_plainly
+from room import room
 from zoo import ALONE, chain, chase, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
@@ -237,9 +238,8 @@ def refused(problem: sdhj.ReachAvoidProblem, method: str = "hji") -> float:
 
 
 @pytest.mark.slow
-def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch):
+def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes():
     """By one model for all numbers of nodes, and with a few nodes looked at: 10^24 are more than 64 bits hold."""
-    monkeypatch.setattr(memory, "available", lambda: (10**9, "are free"))
     looked = list[int]()
 
     def sampled(points, t):
@@ -256,21 +256,22 @@ def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch
         (sdhj.arm_case_study, "projected", (160, 200)),
         (boxed, "lax", (160, 200, 10**6)),
     ):
-        needed = [refused(make(nodes), method) for nodes in many]
+        with room(10**9):
+            needed = [refused(make(nodes), method) for nodes in many]
         growth = np.diff(np.log(needed)) / np.diff(np.log(many))
         assert ((growth > 3.9) & (growth < 4.1)).all()
     assert sum(looked) < 2e7
-    with pytest.raises(MemoryError, match="1000 x 1000 needs"):
+    with room(10**9), pytest.raises(MemoryError, match="1000 x 1000 needs"):
         Grid([-1] * 4, [1] * 4, [1000] * 4).points()
 
 
-def test_a_solve_that_does_not_fit_is_refused(monkeypatch):
+def test_a_solve_that_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="steps"):
         sdhj.arm_case_study(nodes=9, steps=10**300)
     with pytest.raises(MemoryError, match="this solve needs about"):
         sdhj.solve(dataclasses.replace(arm(), steps=10**6))
-    monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
-    memory.require_memory(10**18, "anything")
+    with room(None):  # a system that does not say
+        memory.require_memory(10**18, "anything")
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
