@@ -76,14 +76,14 @@ def test_simulate_plays_one_run_and_many(saved):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["solve", "--nodes", 3, "-o", "x.npz"], "got 3"),
+        (["solve", "--nodes", 3, "-o", "x.npz"], "shape"),
         (["solve", "--method", "magic", "-o", "x.npz"], "magic"),
         (["solve", "--steps", 0, "-o", "x.npz"], "steps"),
         (["solve", "-o", "/nonexistent/folder/x.npz"], "folder"),
         (["solve", "-o", "."], "folder"),
         (["info", "missing.npz"], "missing.npz"),
         (["simulate", "missing.npz"], "missing.npz"),
-        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "nodes"),
+        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "shape"),
         (["solve", "--steps", "9" * 400, "-o", "x.npz"], "steps"),
         (["nonsense"], "nonsense"),
     ],

@@ -71,7 +71,7 @@ def test_export_and_its_proof(folder):
     ("arguments", "named"),
     [
         (["export", "{grid}", "-o", "out"], 'method="certified"'),
-        (["export", "{car}", "-o", "out", "--only", "speed"], "only must be"),
+        (["export", "{car}", "-o", "out", "--only", "speed"], "only "),
         (["explain", "{car}", "0,0"], "3"),
         (["plot", "{car}", "-o", "x.pdf"], ".png or .svg"),
         (["plot", "{car}", "-o", "x.png", "--axes", "x,z"], "the axes are x, y, theta"),

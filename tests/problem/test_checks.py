@@ -22,12 +22,12 @@ def test_what_fits_is_converted(value):
         (None, {}, "x.*number.*None"),
         (True, {}, "x.*number.*True"),
         (np.True_, {}, "x.*number.*"),
-        (math.nan, {}, "x must be finite, got nan"),
-        (-math.inf, {}, "x must be finite, got -inf"),
+        (math.nan, {}, "x.*finite.*nan"),
+        (-math.inf, {}, "x.*finite.*-inf"),
         (10**400, {}, r"x.*1e308.*1000+\.\.\.000+$"),
-        (-0.1, {"least": 0.0}, "x must be at least 0, got -0.1"),
-        (0, {"above": 0.0}, "x must be greater than 0, got 0"),
-        (2.5, {"most": 2.0}, "x must be at most 2, got 2.5"),
+        (-0.1, {"least": 0.0}, "x.* 0.*-0.1"),
+        (0, {"above": 0.0}, "x.* 0.* 0"),
+        (2.5, {"most": 2.0}, "x.* 2.*2.5"),
     ],
 )
 def test_what_is_no_number_or_out_of_range_is_named(value, options, named):
@@ -38,15 +38,15 @@ def test_what_is_no_number_or_out_of_range_is_named(value, options, named):
 
 @pytest.mark.parametrize("value", ["3", None, True, 2.5, math.nan, math.inf, 1, 2001, 10**400])
 def test_what_is_no_whole_number_or_out_of_range_is_named(value):
-    with pytest.raises(ValueError, match="2 to 2,000, got") as raised:
+    with pytest.raises(ValueError, match="2 to 2,000") as raised:
         whole("x", value, least=2, most=2000)
     assert len(str(raised.value)) < 120
     if value != 2001 and value != 10**400:
-        with pytest.raises(ValueError, match="at least 2, got"):
+        with pytest.raises(ValueError, match="at least 2"):
             whole("x", value, least=2)
 
 
 @pytest.mark.parametrize("value", [1.0, [1.0], [1.0, 2.0, 3.0], [1.0, [2.0]], "ab"])
 def test_what_is_no_pair_is_named(value):
-    with pytest.raises(ValueError, match="be two numbers, got"):
+    with pytest.raises(ValueError, match="two numbers"):
         pair("x", value)

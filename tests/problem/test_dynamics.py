@@ -893,7 +893,7 @@ def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
     with pytest.raises(ValueError, match="BlackBox without a slope"):
         wild.velocity_bounds(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
     problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
-    assert problem.opaque == {"drift": "nothing is declared"}
+    assert "nothing" in problem.opaque["drift"]
     with pytest.raises(ValueError, match="BlackBox without a slope"):
         sdhj.solve(problem, sdhj.Certified(cells=(8, 8)), progress=False)
 

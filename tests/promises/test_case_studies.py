@@ -301,7 +301,7 @@ def test_a_problem_of_your_own_has_no_scene():
         ({"half_width": math.nan}, "half_width"),
         ({"pursuer_radius": -0.04}, "pursuer_radius"),
         ({"pursuer_box": 0.0}, "pursuer_box"),
-        ({"target": None}, "a disk must be"),
+        ({"target": None}, "a disk "),
         ({"obstacles": Disk(Still((0.0, 0.0)), 0.1)}, "a list of disks"),
         ({"obstacles": [0.1]}, "got 0.1"),
         ({"obstacles": [Disk(Still((0.05, 0.2)), 0.5)]}, "the unsafe sets swallow"),

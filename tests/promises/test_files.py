@@ -166,17 +166,17 @@ def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
         sdhj.load(path)
     for text in (b"", b"not a zip at all", b"PK\3\4", b"PK\3\4" + bytes(26) + b"problem.json" + bytes(300)):
         path.write_bytes(text)
-        with pytest.raises(sdhj.TableFileError, match="is damaged, cut short"):
+        with pytest.raises(sdhj.TableFileError, match="damaged"):
             sdhj.load(path)
     np.savez(path, tubes=np.zeros(3))
-    with pytest.raises(sdhj.TableFileError, match="is damaged, cut short"):
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
         sdhj.load(path)
     arm_table.save(path)
     whole = path.read_bytes()
     for version, told in ((7, "upgrade sdhj"), (5, "solve it anew")):
         path.write_bytes(whole.replace(b'"format": 6', b'"format": %d' % version, 1))
         for read in (sdhj.load, read_head):
-            with pytest.raises(sdhj.TableFileError, match=f"format version {version}; this is sdhj .*: {told}$"):
+            with pytest.raises(sdhj.TableFileError, match=f"format version {version}.*{told}$"):
                 read(path)
 
 
@@ -187,9 +187,9 @@ def test_files_of_older_formats_are_refused_in_a_sentence(tmp_path, begin):
     """Formats 1 and 2 were HDF5 files from the first byte on, 3 to 5 behind three lines of text."""
     path = tmp_path / "old.h5"
     path.write_bytes(begin + bytes(1000))
-    said = "HDF5.*earlier sdhj" if len(begin) != 12 else "is damaged"
+    said = "HDF5.*earlier sdhj" if len(begin) != 12 else "damaged"
     for read in (sdhj.load, read_head):
-        with pytest.raises(sdhj.TableFileError, match=f"{said}.*; solve it anew$"):
+        with pytest.raises(sdhj.TableFileError, match=f"{said}.*anew$"):
             read(path)
 
 
@@ -284,7 +284,7 @@ def test_info_reads_all_digests(arm_table, tmp_path, monkeypatch):
     whole[whole.index(b"'<f4'") + 10_000] ^= 1
     path.write_bytes(whole)
     shown = CliRunner().invoke(main, ["info", str(path)])
-    assert shown.exit_code == 2 and "arm.npz is damaged" in shown.output
+    assert shown.exit_code == 2 and re.search("arm.npz.* damaged", shown.output)
 
 
 def test_certified_tables_are_packed_unless_it_is_said(tmp_path):

@@ -275,12 +275,12 @@ PICTURES = {
     "short": (b"P5\n4 4\n255\n12", "16 bytes.*4 x 4 pixels.* 2 "),
     "a pixel more": (binary_pgm(flat()) + b"\n", "768 bytes.*769"),
     "Git's line ends": (binary_pgm(flat()).replace(b"\n", b"\r\n"), r"769.*\.gitattributes"),
-    "line ends of noise": (binary_pgm(NOISE).replace(b"\n", b"\r\n"), "bytes must follow"),
-    "line ends without returns": (binary_pgm(np.tile([13, 10], (4, 4))).replace(b"\r\n", b"\n"), "and 16 do"),
+    "line ends of noise": (binary_pgm(NOISE).replace(b"\n", b"\r\n"), "bytes.*header"),
+    "line ends without returns": (binary_pgm(np.tile([13, 10], (4, 4))).replace(b"\r\n", b"\n"), " 16 "),
     "a pixel less of 16 bits": (binary_pgm(flat() * 257.0, 65535)[:-2], "1,536 bytes"),
-    "the maximum of 8 bits": (binary_pgm(flat() * 257.0, 65535).replace(b"65535", b"00255"), "and 1,536 do"),
-    "bits": (b"P4\n9 2\n" + bytes(3), "4 bytes must follow"),
-    "colours": (b"P6\n2 2\n255\n" + bytes(4), "12 bytes must follow"),
+    "the maximum of 8 bits": (binary_pgm(flat() * 257.0, 65535).replace(b"65535", b"00255"), " 1,536 "),
+    "bits": (b"P4\n9 2\n" + bytes(3), "4 bytes"),
+    "colours": (b"P6\n2 2\n255\n" + bytes(4), "12 bytes"),
     "a word": (b"P2\n2 2\n255\n1 2 three 4\n", "invalid literal|Non-decimal"),
     "a number less": (b"P2\n2 2\n255\n1 2\n", "not enough"),
     "no width": (b"P5\n0 4\n255\n", r"\S"),
@@ -531,7 +531,7 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
             UnsafeSet.from_map(array, resolution=0.1)
     with pytest.raises(ValueError, match="resolution"):
         UnsafeSet.from_map(free)
-    with pytest.raises(ValueError, match="origin must be"):
+    with pytest.raises(ValueError, match="origin "):
         UnsafeSet.from_map(free, resolution=0.1, origin=(0.0,))
     with pytest.raises(ValueError, match="radius"):
         UnsafeSet.from_map(free, resolution=0.1, radius=-1)

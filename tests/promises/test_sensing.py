@@ -441,7 +441,7 @@ def test_at_the_last_step_a_loop_hears_whether_it_has_arrived(has_no_target):
     for fallback in (True, False):
         last = Controller(controller.table).step(outside, 0.4, fallback=fallback)
         assert not last.arrived and last.steps_to_go is None and not last.promised
-    with pytest.raises(ValueError, match="time must be"):
+    with pytest.raises(ValueError, match="time "):
         controller.step(inside, 0.6)
 
 

@@ -289,7 +289,7 @@ MISTAKES = {
     ),
     "nowhere": (
         {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 9.0) - 0.3},
-        "'o'.* nowhere on the grid|ever in danger",
+        "'o'.*(nowhere on the grid|ignore)",
     ),
     "a thin fence": (
         {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 0.513) - 0.004},

@@ -39,7 +39,7 @@ def test_values_cannot_be_modified_and_indices_are_checked(table):
         {"start": 0, "within": "1"},
         {"start": True, "within": 1},
     ):
-        with pytest.raises(ValueError, match="whole number"):
+        with pytest.raises(ValueError, match=r"start|within"):
             table.values(**bad)
 
 
@@ -193,5 +193,5 @@ def test_values_at_checks_its_points(shape):
     table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
     with pytest.raises(ValueError, match=r"shape \(5, V, 1\)"):
         table.values_at(np.zeros(shape), 0, np.zeros(5, int))
-    with pytest.raises(ValueError, match="whole number from 0"):
+    with pytest.raises(ValueError, match=r"start|step"):
         table.values_at(np.zeros((5, 1, 1)), 2, np.zeros(5, int))

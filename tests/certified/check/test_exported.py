@@ -245,9 +245,9 @@ def test_damage_is_refused(tmp_path):
     for at in [*rng.integers(0, len(data), 20).tolist(), 12, len(data) - 1]:
         bad = bytearray(data)
         bad[at] ^= 16
-        with pytest.raises(ValueError, match="exported table must be"):
+        with pytest.raises(ValueError, match="exported table "):
             failed(robot(), bytes(bad), tmp_path)
-    with pytest.raises(ValueError, match="exported table must be"):
+    with pytest.raises(ValueError, match="exported table "):
         failed(robot(), data[:-8], tmp_path)
 
 
