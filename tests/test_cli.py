@@ -83,7 +83,7 @@ def test_simulate_plays_one_run_and_many(saved):
         (["solve", "-o", "."], "folder"),
         (["info", "missing.npz"], "missing.npz"),
         (["simulate", "missing.npz"], "missing.npz"),
-        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "shape"),
+        (["solve", "--nodes", "9" * 400, "-o", "x.npz"], "nodes"),
         (["solve", "--steps", "9" * 400, "-o", "x.npz"], "steps"),
         (["nonsense"], "nonsense"),
     ],
