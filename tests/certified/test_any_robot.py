@@ -11,7 +11,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import robots
 import zoo
 from click.testing import CliRunner
 from forging import describe, forged
@@ -50,12 +49,12 @@ def test_a_car_grows_and_is_proved(saved, rng):
 
 
 def play_and_check(seed, tmp_path, runs):
-    robot = robots.random_robot(seed)
+    robot = zoo.random_robot(seed)
     problem = robot.problem()
     table = sdhj.solve(problem, sdhj.Certified(cells=CELLS[robot.grid.ndim], parts=4), progress=False)
     if table.fraction(start=0, within=robot.steps) == 0.0:
         return False
-    for adversary in robots.ADVERSARIES:
+    for adversary in zoo.ADVERSARIES:
         outcomes = robot.outcomes(table, adversary, np.random.default_rng(seed), runs)
         assert set(outcomes) == {"reached"}, (seed, adversary)
     table.save(tmp_path / "robot.npz")

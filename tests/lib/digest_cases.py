@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import robots
 import zoo
 
 import sdhj
@@ -142,7 +141,7 @@ def posts() -> list[Any]:
 
 def robot() -> Any:
     """A random robot, everything of which depends on state, input and time, beside a disk that moves."""
-    return robots.random_robot(6).problem()
+    return zoo.random_robot(6).problem()
 
 
 def chained(method: Any, **given: Any) -> Any:

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from zoo import made
 
 import sdhj
 from sdhj.common.remembering import FloatArray
@@ -55,6 +56,7 @@ class Robot:
         Of an interval, s; None: for ever, and it is asked at step 0 throughout.
     target : (axes, callable (points, t) -> (M,)), or None
     periodic : (ndim,) bool
+    names : (ndim,) str
     ends : (ndim,) str or pair of str
         What lies past `lower` and `upper`: "unsafe", that is lost; "safe", out of danger for good; or "wall", what
         holds the robot there, as brakes do at a standstill.
@@ -78,6 +80,7 @@ class Robot:
     steps: int | None
     target: tuple[tuple[int, ...], Level] | None = None
     periodic: Sequence[bool] = ()
+    names: Sequence[str] = ()
     ends: Sequence[str | tuple[str, str]] = ()
     stateless: bool = False
     cells: tuple[int, ...] = ()
@@ -94,9 +97,10 @@ class Robot:
         drift: Any = self.drift
         if self.stateless:
             drift = np.concatenate([self.drift(np.zeros((1, self.ndim)), u) for u in inputs])
-        return sdhj.ReachAvoidProblem(
-            grid=sdhj.Grid(self.lower, self.upper, self.nodes, periodic, ends=self.ends or "unsafe"),
-            dynamics=sdhj.Dynamics(inputs, drift, np.array(self.gain, dtype=float), self.bounds),
+        return made(
+            {"names": self.names or None, "ends": self.ends or "unsafe"},
+            **{"lower": self.lower, "upper": self.upper, "nodes": self.nodes, "periodic": periodic},
+            **{"inputs": inputs, "drift": drift, "gain": np.array(self.gain, dtype=float), "bounds": self.bounds},
             target=None if self.target is None else sdhj.TargetSet(*self.target),
             unsafe=[sdhj.UnsafeSet(one.axes, one.level, name=one.name, sampling=sampling) for one in self.hazards],
             delta=self.delta,
@@ -483,67 +487,45 @@ class ArmPursued:
             ways += list(np.sign(apart[np.argmin(np.hypot(*apart.swapaxes(0, 1)), axis=0), :, rows].T))
         return np.column_stack([np.sign(u + 1e-9), *ways])
 
-    def problem(self, nodes: int) -> sdhj.ReachAvoidProblem:
-        links, pursuers = self.links, self.pursuers
-        levels = np.linspace(-3.0, 3.0, 3 if links > 2 else 5)
-        inputs = np.stack(np.meshgrid(*[levels] * links, indexing="ij"), axis=-1).reshape(-1, links)
-        places = [f"p{axis}{number or ''} (m)" for number in range(pursuers) for axis in "xy"]
-        low, high = [-np.pi] * links + [-BOX] * 2 * pursuers, [np.pi] * links + [BOX] * 2 * pursuers
-        grid = sdhj.Grid(
-            low,
-            high,
-            [nodes] * len(low),
-            [True] * links + [False] * 2 * pursuers,
-            [f"q{joint + 1} (rad)" for joint in range(links)] + places,
-            ["unsafe"] * links + ["wall"] * 2 * pursuers,
-        )
-        own = tuple(range(links))
-        caught = [
-            sdhj.UnsafeSet(
-                (*own, axis, axis + 1),
-                lambda q, t: self.clear_of(q, q[:, links], q[:, links + 1]) - CATCH,
-                name="pursuer",
-            )
-            for axis in range(links, len(low), 2)
-        ]
-        post = sdhj.UnsafeSet(own, lambda q, t: self.clear_of(q, *POST) - POST_RADIUS, name="post")
-        return sdhj.ReachAvoidProblem(
-            grid,
-            sdhj.Dynamics(inputs, np.pad(inputs, ((0, 0), (0, 2 * pursuers))), np.eye(len(low)), self.might),
-            sdhj.TargetSet(own, self.target),
-            [*caught, post],
+    def robot(self, nodes: int, steps: int = 8) -> Robot:
+        """Angles (rad) and the pursuers' places (m), in a fenced field."""
+        links, places = self.links, range(self.links, self.links + 2 * self.pursuers, 2)
+        own, axes = tuple(range(links)), [f"p{axis}{k or ''} (m)" for k in range(self.pursuers) for axis in "xy"]
+
+        def drift(q: FloatArray, u: FloatArray) -> FloatArray:
+            return rows(q, *(part(u, k) for k in own), *[0.0] * len(axes))
+
+        def caught(q: FloatArray, t: float) -> FloatArray:
+            return self.clear_of(q, q[:, links], q[:, links + 1]) - CATCH
+
+        return Robot(
+            lower=[-np.pi] * links + [-BOX] * len(axes),
+            upper=[np.pi] * links + [BOX] * len(axes),
+            nodes=[nodes] * (links + len(axes)),
+            inputs=every(*[np.linspace(-3.0, 3.0, 3 if links > 2 else 5)] * links),
+            drift=drift,
+            gain=np.eye(links + len(axes)),
+            bounds=self.might,
+            hazards=[
+                *(Hazard((*own, axis, axis + 1), caught, "pursuer") for axis in places),
+                Hazard(own, lambda q, t: self.clear_of(q, *POST) - POST_RADIUS, "post"),
+            ],
             delta=0.1,
-            steps=8,
-            name=f"arm of {links} links, pursuers: {pursuers}",
+            steps=steps,
+            target=(own, self.target),
+            periodic=[True] * links + [False] * len(axes),
+            names=[f"q{joint + 1} (rad)" for joint in own] + axes,
+            ends=["unsafe"] * links + ["wall"] * len(axes),
+            stateless=True,
         )
+
+    def problem(self, nodes: int) -> sdhj.ReachAvoidProblem:
+        return self.robot(nodes).problem()
 
 
 def arm() -> Robot:
-    """An arm of three links and a pursuer in a fenced field (`ArmPursued`): angles (rad), its place (m)."""
-    robot, still = ArmPursued(3, 1), (0.0, 0.0)
-
-    def drift(q: FloatArray, u: FloatArray) -> FloatArray:
-        return rows(q, part(u, 0), part(u, 1), part(u, 2), *still)
-
-    return Robot(
-        lower=[-np.pi] * 3 + [-BOX] * 2,
-        upper=[np.pi] * 3 + [BOX] * 2,
-        nodes=[17] * 5,
-        inputs=every(*[[-3.0, 0.0, 3.0]] * 3),
-        drift=drift,
-        gain=np.eye(5),
-        bounds=robot.might,
-        hazards=[
-            Hazard((0, 1, 2, 3, 4), lambda q, t: robot.clear_of(q, q[:, 3], q[:, 4]) - CATCH, "pursuer"),
-            Hazard((0, 1, 2), lambda q, t: robot.clear_of(q, *POST) - POST_RADIUS, "post"),
-        ],
-        target=((0, 1, 2), robot.target),
-        delta=0.1,
-        steps=6,
-        periodic=[True] * 3 + [False] * 2,
-        ends=["unsafe"] * 3 + ["wall"] * 2,
-        stateless=True,
-    )
+    """Of three links, and a pursuer (`ArmPursued`)."""
+    return ArmPursued(3, 1).robot(17, steps=6)
 
 
 def coarse_disk() -> Robot:

@@ -1,9 +1,11 @@
 """The robots of the tests: a test takes one and changes a field. Most have answers one can work out by hand."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
+import judge
+import naive_certified as naive
 import numpy as np
 
 import sdhj
@@ -432,3 +434,124 @@ def ends_of(velocities):
     ends = velocities.low, velocities.high
     whole = [[np.broadcast_to(one, velocities.shape) for one in end] for end in ends if isinstance(end, list)]
     return [np.stack(end) for end in whole] or list(ends)
+
+
+# ---- random robots for the proofs, each function written once: the library and the judge call the same
+
+ADVERSARIES = ("switching", "up", "down", "outward", "inward")
+
+
+@dataclass(frozen=True)
+class RandomRobot:
+    """dx = drift(x, u, t) + gain(x, u, t) v; axes are periodic, or bounded with unsafe ends."""
+
+    grid: Grid
+    inputs: np.ndarray
+    drift: object
+    gain: object
+    bound: np.ndarray
+    target: object  # (states, t), as `unsafe`
+    obstacles: tuple  # (axes, level_set, rate)
+    delta: float
+    steps: int
+
+    def problem(self, **changed):
+        everything = tuple(range(self.grid.ndim))
+        unsafe = [
+            UnsafeSet(axes, level_set, name=f"set {k}") for k, (axes, level_set, rate) in enumerate(self.obstacles)
+        ]
+        return made(
+            changed,
+            grid=self.grid,
+            **{"inputs": self.inputs, "drift": self.drift, "gain": self.gain, "bounds": self.bound},
+            target=TargetSet(everything, self.target),
+            unsafe=unsafe,
+            delta=self.delta,
+            steps=self.steps,
+        )
+
+    def held(self, states):
+        return naive.held_periodic(self.grid, states)
+
+    def velocity(self, states, places, signs, t):
+        states, out = self.held(states), np.empty_like(states)
+        for j in np.unique(places):
+            own, u = places == j, self.inputs[j]
+            push = np.einsum("mid,md->mi", self.gain(states[own], u, t), self.bound * signs[own])
+            out[own] = self.drift(states[own], u, t) + push
+        return out
+
+    def unsafe(self, states, t):
+        """Also past an end, by more than rounding."""
+        states, values = self.held(states), [np.full(len(states), np.inf)]
+        values += [level_set(states[:, list(axes)], t) for axes, level_set, _ in self.obstacles]
+        for axis in np.flatnonzero(~np.array(self.grid.periodic)):
+            lower, upper = self.grid.lower[axis], self.grid.upper[axis]
+            values.append(np.minimum(states[:, axis] - lower, upper - states[:, axis]) + 1e-9)
+        return np.min(values, axis=0)
+
+    def outcomes(self, table, adversary, rng, count):
+        """Of runs from random certified states, by any of the inputs certified for them."""
+        starts = naive.states_in(table, rng, count)
+        middle = (np.array(self.grid.lower) + self.grid.upper) / 2
+
+        def choose(states, step):
+            left, places = naive.steps_to_go(table, states, step), np.full(len(states), -1)
+            ahead = (left > 0) & (left < 99)
+            if ahead.any():
+                places[ahead] = naive.chosen_inputs(table, states[ahead], step, rng)
+            return places
+
+        def signs(states, inputs, t, end):
+            shape = len(states), len(self.bound)
+            if adversary == "switching":
+                return rng.choice([-1.0, 1.0], shape)
+            if adversary in ("up", "down"):
+                return np.full(shape, 1.0 if adversary == "up" else -1.0)
+            away = np.where(self.held(states) >= middle, 1.0, -1.0) * (1.0 if adversary == "outward" else -1.0)
+            return np.sign(np.einsum("mid,mi->md", self.gain(self.held(states), self.inputs[0], t), away))
+
+        target = lambda states, t: self.target(self.held(states), t)  # noqa: E731
+        return judge.play(
+            choose, self.velocity, signs, target, self.unsafe, starts, delta=self.delta, steps=table.steps
+        )
+
+
+def random_robot(seed):
+    """Two or three axes, some periodic; drift and often gains depend on the state, some on time; a disk that moves."""
+    rng = np.random.default_rng(seed)
+    ndim = int(rng.integers(2, 4))
+    periodic = [bool(rng.random() < 0.4) for _ in range(ndim)]
+    lower, upper = ([(-np.pi if own else -2.0) for own in periodic], [(np.pi if own else 2.0) for own in periodic])
+    grid = Grid(lower, upper, [21] * ndim, periodic)
+    inputs = np.array([[0.0, 0.0], [1.0, 0.3], [-1.0, 0.3], [0.3, 1.0], [0.3, -1.0]]) * rng.uniform(0.8, 1.4)
+    mix = rng.uniform(-1.0, 1.0, (2, ndim)) + np.eye(2, ndim)
+    waves, phases = rng.uniform(0.0, 0.5, (ndim, ndim)) * (rng.random((ndim, ndim)) < 0.5), rng.uniform(-3, 3, ndim)
+    often = np.array([1.0 if own else 1.3 for own in periodic])
+    tide = rng.uniform(0.0, 0.3, ndim) * (rng.random() < 0.4)
+    share = rng.uniform(0.0, 0.6) * (rng.random() < 0.6)
+    bound = rng.uniform(0.02, 0.12, ndim)
+
+    def drift(x, u, t):
+        return u @ mix + np.sin(often * x + phases) @ waves.T + tide * np.sin(3.0 * t)
+
+    def gain(x, u, t):
+        return np.eye(ndim) * (1.0 + share * np.cos(often[0] * x[:, 0] + u[0]))[:, None, None]
+
+    centre, radius = rng.uniform(-0.5, 0.5, ndim), rng.uniform(1.0, 1.3)
+    place, speed, size = rng.uniform(-1.5, 1.5, 2), rng.uniform(-0.5, 0.5, 2), rng.uniform(0.25, 0.5)
+
+    def apart(x, at, own):
+        return np.stack([wrapped(x[:, k] - at[k]) if own[k] else x[:, k] - at[k] for k in range(len(at))], axis=1)
+
+    def target(x, t):
+        return np.linalg.norm(apart(x, centre, periodic), axis=1) - radius
+
+    def disk(x, t):
+        return np.hypot(*apart(x, [place[k] + speed[k] * t for k in (0, 1)], periodic).T) - size
+
+    return RandomRobot(
+        *(grid, inputs, drift, gain, bound, target, (((0, 1), disk, float(np.hypot(*speed))),)),
+        delta=0.25,
+        steps=int(rng.integers(2, 5)),
+    )
