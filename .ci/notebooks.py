@@ -211,7 +211,7 @@ def main(arguments: list[str]) -> int:
     if not arguments or arguments[0] not in ("execute", "check", "gallery", "solutions"):
         print(__doc__, file=sys.stderr)
         return 2
-    paths = [path if path.exists() else FOLDER / path.name for path in map(Path, arguments[1:])] or sorted(
+    paths = [path.resolve() if path.exists() else FOLDER / path.name for path in map(Path, arguments[1:])] or sorted(
         FOLDER.glob("*.ipynb")
     )
     bad = 0

@@ -46,6 +46,7 @@ def draw_sweep(
     for label, values in fractions.items():
         looks = METHOD_LOOKS.get(label, {"marker": "o"})
         ax.plot(bounds, np.asarray(values), label=METHOD_NAMES.get(label, label), gid=f"sweep-{label}", **looks)
+    ax.update_datalim([(bounds[0], 0.0)])  # so that room is left above the lines as for all that is shown
     if nominal is not None:
         ax.axvline(nominal, color="#8c8c8c", linestyle=":", linewidth=0.9)
         looks = {"rotation": 90, "va": "top", "ha": "left", "color": "#666666", "fontsize": 7}

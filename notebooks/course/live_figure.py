@@ -12,6 +12,7 @@ from matplotlib.gridspec import SubplotSpec
 from PIL.PngImagePlugin import putchunk
 
 FAST = 1  # of 9: without transparency half the time of the usual 6 with it, for a file at most a third larger
+DARK = 200  # of 255: what is darker at an edge of the canvas is cut off there
 ABOVE = 2  # the filter of rows that are stored as what changes from the row above: most of a picture does not
 
 
@@ -19,8 +20,9 @@ class LiveFigure(Figure):
     """A figure that hands out its axes again after `clear`, and draws what frames them only where that has changed.
 
     Cleared axes are as new, but for the objects that draw their ticks: to make these takes longest. They come in the
-    order in which they were made; where another place is asked for, new ones are made. Axes are laid out when they are
-    new. What frames them (background, ticks, labels) is drawn below all else. For axes in the plane.
+    order in which they were made; where another place is asked for, new ones are made. Axes are laid out when they
+    are new, and where what they show would be cut off. What frames them (background, ticks, labels) is drawn below
+    all else. For axes in the plane.
 
     Parameters
     ----------
@@ -71,10 +73,21 @@ class LiveFigure(Figure):
         """Write what is drawn as a PNG file, in the figure's own resolution."""
         self._forget_waiting()
         if not self._laid_out:
-            self.set_layout_engine("constrained")
-            self.draw_without_rendering()
-            self.set_layout_engine("none")
-            self._laid_out = True
+            self._lay_out()
+        pixels = self._drawn()
+        if np.concatenate((pixels[[0, -1]], pixels[:, [0, -1]].swapaxes(0, 1)), axis=1).min() < DARK:
+            self._lay_out()
+            pixels = self._drawn()
+        write_png(fname, pixels, self.dpi)
+
+    def _lay_out(self) -> None:
+        self.set_layout_engine("constrained")
+        self.draw_without_rendering()
+        self.set_layout_engine("none")
+        self._laid_out = True
+
+    def _drawn(self) -> Any:
+        """The colours (height, width, 3) of the canvas, all drawn."""
         frames = [self.patch, *(ax.patch for ax in self.axes)]
         frames += [axis for ax in self.axes if ax.axison for axis in (ax.xaxis, ax.yaxis)]
         self._draw_frames(frames)
@@ -86,7 +99,7 @@ class LiveFigure(Figure):
         finally:
             for part in hidden:
                 part.set_visible(True)
-        write_png(fname, np.asarray(self._agg.buffer_rgba())[..., :3], self.dpi)
+        return np.asarray(self._agg.buffer_rgba())[..., :3]
 
     def _draw_frames(self, frames: list[Any]) -> None:
         """Put the background on the canvas, drawn anew where something else is to be seen on it."""

@@ -77,6 +77,12 @@ def drawn_anew(explorer: widgets.Explorer) -> Any:
     return pixels(widgets.render(explorer.draw, figure, **explorer.values)[0])
 
 
+def edges(explorer: widgets.Explorer) -> Any:
+    """The colours of the pixels around the explorer's picture."""
+    shown = pixels(explorer.png)
+    return np.concatenate((shown[0], shown[-1], shown[:, 0], shown[:, -1]))
+
+
 def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
     """Move every control to both ends on its own, then all at once; the numbers shown at each stop.
 
@@ -90,6 +96,7 @@ def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
         shown.append(dict(explorer.set(**first | stop)))
         assert explorer.error == "", f"{stop}: {explorer.error}"
         assert explorer.png.startswith(PNG)
+        assert edges(explorer).min() > 200, f"{stop}: something is cut off"
         if place % 2:
             np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer), err_msg=str(stop))
     explorer.set(**first)
@@ -461,12 +468,13 @@ def test_a_control_without_a_part_is_greyed(arm: LookupTable) -> None:
 
 def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
-    before, values = explorer.png, explorer.values
+    before = explorer.numbers, explorer.values, explorer.error
     found = list(frames.frames_of(explorer))
     assert [value for value, _, _ in found] == [f"{n / 10:g}" for n in range(9)]  # 0.9 and 1.0 are refused
     assert len({png for _, png, _ in found}) == len(found)
     assert all(said == f"share: {value}" for value, _, said in found)
-    assert (explorer.png, explorer.values, explorer.error) == (before, values, "")
+    assert (explorer.numbers, explorer.values, explorer.error) == before
+    np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
 
 
 @pytest.mark.parametrize(
@@ -654,6 +662,18 @@ def test_what_plays_begins_where_the_slider_is() -> None:
 
 
 # ---- the figure that it draws on
+
+
+def test_labels_that_become_wider_are_not_cut_off() -> None:
+    def draw(ax: Any, share: float) -> dict[str, float]:
+        ax.set(yticks=[0.5], yticklabels=["8" * round(50 * share)], ylabel="height")
+        return {"share": share}
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.1)})
+    for share in (0.1, 0.7, 0.3):
+        explorer.set(share=share)
+        assert edges(explorer).min() > 200
+        np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
 
 
 def draw_anything(figure: Figure, axes: int, wide: bool, share: float) -> None:
