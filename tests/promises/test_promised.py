@@ -9,8 +9,7 @@ import pytest
 from fleet import FLEET
 from naive_certified import CIRCLE, LINE, SMALL, STILL, assert_all_that_follows
 from parameters import but_slow
-from robots import random_robot
-from zoo import car
+from zoo import car, random_robot
 
 import sdhj
 
