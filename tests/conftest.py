@@ -64,15 +64,15 @@ def kernels_called_while_collecting() -> list[str]:
 @pytest.fixture
 def cores_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     """`free_cores` as users have it."""
-    monkeypatch.setattr(compiling, "free_cores", free_cores)
+    monkeypatch.setattr(compiling, free_cores.__name__, free_cores)
     return free_cores
 
 
 @pytest.fixture
 def solves_are_played(monkeypatch: pytest.MonkeyPatch) -> None:
     """What `solve` does at its end, as users have it: tests that are about something else save its time."""
-    monkeypatch.setattr(sdhj.solving, "check_by_runs", check_by_runs)
-    monkeypatch.setattr(sdhj.solving, "scanty_finding", scanty_finding)
+    monkeypatch.setattr(sdhj.solving, check_by_runs.__name__, check_by_runs)
+    monkeypatch.setattr(sdhj.solving, scanty_finding.__name__, scanty_finding)
 
 
 @pytest.fixture(autouse=True)

@@ -41,7 +41,7 @@ def problem_with(function):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.ResolutionWarning")
 def test_what_is_easily_bounded_wrongly_is_refused_or_right(rng):
     """Neither method promises a state that is in the set."""
     solved, anywhere = 0, rng.uniform(-1, 1, (1000, 2))

@@ -14,6 +14,7 @@ from zoo import car
 
 import sdhj
 from sdhj import Sensing
+from sdhj.certified import table as table_module
 from sdhj.certified.cells import moved_bounds
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
@@ -62,7 +63,7 @@ def test_many_cells_in_the_box_of_an_error_take_little_memory(monkeypatch, by_ce
     by_cells : every cell is asked about, and none left out because its box or a corner tells.
     """
     if by_cells:
-        monkeypatch.setattr("sdhj.certified.table.MANY", 10**9)
+        monkeypatch.setattr(table_module, "MANY", 10**9)
     problem = replace(zoo.interval_problem(), sensing=Sensing(0.05))
     table = sdhj.solve(problem, sdhj.Certified((16_000,)), progress=False)
     states = np.random.default_rng(0).uniform(-4.0, 4.0, (60_000, 1))

@@ -14,6 +14,8 @@ from test_memory import joint
 from zoo import car, interval_problem
 
 import sdhj
+from sdhj.certified import cells as cells_module
+from sdhj.certified import sets as sets_module
 from sdhj.certified.cells import aligned, aligned_choices, moved_bounds
 from sdhj.certified.choosing import CORES, chosen_cells, losing_steps, lost_to_width, seconds_taken
 
@@ -102,9 +104,9 @@ def test_fewer_cells_that_are_aligned_prove_more(monkeypatch):
     problem, method = replace(car(), steps=8), sdhj.Certified(cells=(40, 40, 40))
     tables = [sdhj.solve(problem, method, progress=False, play=False)]
     with monkeypatch.context() as patch:
-        patch.setattr("sdhj.certified.cells.is_steady", lambda problem, axis: False)
+        patch.setattr(cells_module, "is_steady", lambda problem, axis: False)
         axes = aligned(problem, method.cells)
-    monkeypatch.setattr("sdhj.certified.sets.aligned", lambda *told: axes)
+    monkeypatch.setattr(sets_module, "aligned", lambda *told: axes)
     tables.append(sdhj.solve(problem, method, progress=False, play=False))
     assert [table.shape[2] for table in tables] == [38, 40]
     assert tables[0].fraction() > 1.1 * tables[1].fraction()

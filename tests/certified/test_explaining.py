@@ -10,6 +10,7 @@ from zoo import car
 from zoo import run as line
 
 import sdhj
+from sdhj.certified import explaining as explaining_module
 from sdhj.certified.explaining import BEYOND, MORE_CELLS
 from sdhj.common.findings import ResolutionWarning
 
@@ -75,7 +76,7 @@ def test_bounds_that_are_loose():
 @pytest.mark.slow
 def test_explanations_agree_with_the_table(monkeypatch):
     """An input has a failure where it is not certified; of other robots and an arm with Sensing, over the seam."""
-    monkeypatch.setattr("sdhj.certified.explaining.what_keeps_out", lambda *_: ((), []))  # it is not asked about here
+    monkeypatch.setattr(explaining_module, "what_keeps_out", lambda *_: ((), []))  # it is not asked about here
     rng = np.random.default_rng(3)
     sensing = sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01, memory=False)
     for problem, cells in (

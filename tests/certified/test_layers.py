@@ -10,6 +10,7 @@ import zoo
 from naive_certified import assert_runs_succeed
 
 import sdhj
+from sdhj.certified import images as images_module
 from sdhj.certified.cells import CellAxis, axis_in_file
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
@@ -70,7 +71,7 @@ def test_it_takes_the_layer(standing):
 
 def test_the_first_piece_is_short(standing, monkeypatch):
     """Otherwise what counts as in the layer, 1e-10 beside it, moves on by more than rounding."""
-    monkeypatch.setattr("sdhj.certified.images.BESIDE_LAYER", 0.05)
+    monkeypatch.setattr(images_module, "BESIDE_LAYER", 0.05)
     again = sdhj.solve(blocked(), sdhj.Certified(cells=(200, 30)), progress=False, play=False)
     assert not again.contains([[10.0, 0.0], [49.0, 0.0]]).any()
     assert standing.contains([[10.0, 0.0], [49.0, 0.0]]).all()

@@ -8,6 +8,8 @@ import zoo
 from test_safety import double_integrator
 
 import sdhj
+from sdhj.certified import explaining as explaining_module
+from sdhj.certified import table as table_module
 from sdhj.certified.explaining import BEYOND, MORE_CELLS, UNDECIDED, UNKNOWN, advice_to_leave_out
 from sdhj.common.findings import ResolutionWarning
 
@@ -127,7 +129,7 @@ def test_where_there_is_no_grid(monkeypatch):
     def refused(*_):
         raise ValueError
 
-    monkeypatch.setattr("sdhj.certified.explaining.HJI.sets", refused)
+    monkeypatch.setattr(explaining_module.HJI, "sets", refused)
     for q in ([5.4], [4.0]):
         says = solved(line(), 17).explain(q)
         assert not says.causes and says.helps == (UNKNOWN,)
@@ -168,6 +170,6 @@ def test_what_may_be_measured_is_looked_up_by_boxes_too(monkeypatch, memory):
         q = np.random.default_rng(2).uniform(problem.grid.lower, problem.grid.upper, (3000, 2))
         by_boxes, by_cells = [], []
         for most, found in ((0, by_boxes), (10**9, by_cells)):
-            monkeypatch.setattr("sdhj.certified.table.MANY", most)
+            monkeypatch.setattr(table_module, "MANY", most)
             found.append(table.contains(q))
         assert (by_boxes[0] == by_cells[0]).all() and 0 < by_cells[0].mean() < 1

@@ -5,6 +5,7 @@ import pytest
 import zoo
 
 import sdhj
+from sdhj.certified import export as export_module
 from sdhj.certified.export import InLines
 
 
@@ -46,7 +47,7 @@ def test_pieces_hold_each_cell_once_and_in_the_blocks_of_the_file():
     table = sdhj.solve(zoo.unicycle_problem(), sdhj.Certified(cells=(20, 20, 20)), progress=False, play=False)
     for most in (1 << 20, 3000, 10):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("sdhj.certified.export.CELLS_AT_ONCE", most)
+            patch.setattr(export_module, "CELLS_AT_ONCE", most)
             pieces = InLines(table)
             parts = [
                 pieces.in_blocks(np.ravel_multi_index(tuple(pieces.cells(at).T), table.shape), at)

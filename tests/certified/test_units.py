@@ -127,7 +127,7 @@ def in_units(name, length, time=1.0):
     return Units(tuple(length * 2.0 ** (2 * axis) for axis in range(len(ROBOTS[name][1]))), time)
 
 
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.common.findings.ResolutionWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.ResolutionWarning")
 
 
 @pytest.mark.slow

@@ -22,6 +22,8 @@ from sdhj import BlackBox, Certified, Controller, Dynamics, Grid, Scheme, Target
 from sdhj.arm.workspace import Disk, Line, Still
 from sdhj.certified.check import verify
 from sdhj.cli import main
+from sdhj.problem import dynamics as dynamics_module
+from sdhj.problem import problem as problem_module
 from sdhj.solver.recursion import GridParts, bytes_of_solve
 
 MOVES = [[-1.0], [0.0], [1.0]]
@@ -277,7 +279,7 @@ ADVISED = {
     ),
     "more cells of an axis than a file has": (
         "10,000,000 cells.*1,000,000",
-        lambda to: patched("sdhj.certified.cells._edges", None, lambda: solved(line(), Certified(cells=(10**7,)))),
+        lambda to: solved(line(), Certified(cells=(10**7,))),
         lambda to: solved(line(), Certified(cells=(500,))),
     ),
     "a clock that is off and a target on a line": (
@@ -532,8 +534,8 @@ ADVISED = {
     ),
     "large tables": (
         "fewer nodes or pixels",
-        lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(40)),
-        lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(10)),
+        lambda to: patched(problem_module, "MOST_TABLES", 4000, lambda: with_map(40)),
+        lambda to: patched(problem_module, "MOST_TABLES", 4000, lambda: with_map(10)),
     ),
     "a large map": (
         "pixels.*scale.*cut off",
@@ -575,9 +577,10 @@ ADVISED = {
     ),
     "a drift of many lines": (
         "fewer inputs.*sdhj.gridded.*sdhj.BlackBox",
-        lambda to: patched("sdhj.problem.dynamics.MOST_LINES", 9, lambda: waving(3)),
+        lambda to: patched(dynamics_module, "MOST_LINES", 9, lambda: waving(3)),
         lambda to: patched(
-            "sdhj.problem.dynamics.MOST_LINES",
+            dynamics_module,
+            "MOST_LINES",
             9,
             lambda: (waving(1), waving(3, lambda q, u: u[0] + 0 * q), waving(3, sdhj.BlackBox(waves))),
         ),
@@ -604,8 +607,8 @@ ADVISED = {
     ),
     "no compiler": (
         "gcc or clang.*CC",
-        lambda to: patched("shutil.which", lambda name: None, lambda: asked(to)),
-        lambda to: patched("shutil.which", lambda name: None, lambda: asked(to, CC=COMPILER)),
+        lambda to: patched(shutil, "which", lambda name: None, lambda: asked(to)),
+        lambda to: patched(shutil, "which", lambda name: None, lambda: asked(to, CC=COMPILER)),
     ),
 }
 ROBOT = """import numpy as np
@@ -703,9 +706,9 @@ def elsewhere(p, t):
     return np.abs(p[:, 0]) - PLACES[0] * (1.0 if type(p) is np.ndarray else 2.0)
 
 
-def patched(name, value, act):
-    """What `act` does where `name` is replaced."""
-    with mock.patch(name, value):
+def patched(module, name, value, act):
+    """What `act` does where a module has this value for a name."""
+    with mock.patch.object(module, name, value):
         return act()
 
 

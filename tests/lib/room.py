@@ -4,14 +4,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest import mock
 
+from sdhj.certified.check import reading as reading_module
+from sdhj.common import memory as memory_module
+
 
 @contextmanager
 def room(nbytes: int | None) -> Iterator[None]:
     """So many bytes are free, and whatever is asked for is counted; None: the system does not say."""
     free = None if nbytes is None else (nbytes, "are available")
     with (
-        mock.patch("sdhj.common.memory.available", lambda: free),
-        mock.patch("sdhj.common.memory.SPARE", 0),
-        mock.patch("sdhj.certified.check.reading.free_memory", lambda: [] if nbytes is None else [nbytes]),
+        mock.patch.object(memory_module, "available", lambda: free),
+        mock.patch.object(memory_module, "SPARE", 0),
+        mock.patch.object(reading_module, "free_memory", lambda: [] if nbytes is None else [nbytes]),
     ):
         yield

@@ -15,6 +15,7 @@ from parameters import but_slow
 
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, TargetSet, UnsafeSet
+from sdhj.problem import dynamics as dynamics_module
 from sdhj.problem.arguments import arguments
 from sdhj.problem.interval import Interval
 from sdhj.problem.samples import Samples
@@ -864,7 +865,7 @@ def test_a_velocity_that_may_be_undefined_for_a_disturbance_is_refused(velocity)
 
 
 def test_what_no_file_can_keep_is_refused_when_it_is_read(monkeypatch):
-    monkeypatch.setattr("sdhj.problem.dynamics.MOST_LINES", 20)
+    monkeypatch.setattr(dynamics_module, "MOST_LINES", 20)
     dynamics = Dynamics([[1.0 + k] for k in range(10)], lambda q, u: np.sin(u * q))
     with pytest.raises(ValueError, match="all 10 inputs together"):
         dynamics.read(1)

@@ -18,6 +18,7 @@ import zoo
 from parameters import but_slow
 
 import sdhj
+from sdhj.certified import export as export_module
 from sdhj.certified.check import verify
 from sdhj.certified.export import FIELDS, STATUS, images_of
 from sdhj.simulation.runs import admissible_states
@@ -135,7 +136,7 @@ def exported(tmp_path_factory):
         return sdhj.export_c(solved(name), tmp_path_factory.mktemp("export"), progress=False, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sdhj.certified.export.subprocess", compiled_once())
+        patch.setattr(export_module, "subprocess", compiled_once())
         yield one
 
 
@@ -555,7 +556,7 @@ def test_compilers_find_nothing_to_say(exported, compiler, name):
 
 @pytest.mark.slow
 def test_fused_multiply_adds_change_nothing(exported, monkeypatch):
-    monkeypatch.setattr("sdhj.certified.export.FLAGS", ("-std=gnu99", "-O3", "-march=native", "-shared", "-fPIC"))
+    monkeypatch.setattr(export_module, "FLAGS", ("-std=gnu99", "-O3", "-march=native", "-shared", "-fPIC"))
     table = solved("car")
     c = sdhj.certified.export.Exported(exported("car").folder, table)
     assert_alike(table, c, states_of(table, 2000), 0)

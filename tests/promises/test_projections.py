@@ -22,9 +22,7 @@ from sdhj.table.table import AvoidTubes
 
 MONOTONE = HopfLax("linear")  # leaves the order of sets alone
 ROUNDING = 1e-5  # sums of a few products of numbers below ten, in another order and single precision
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::sdhj.common.findings.ProjectionWarning"
-)  # each test says what it expects
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.ProjectionWarning")  # each test says what it expects
 
 
 def current_problem(*, speed=0.5, rate=0.0, **changed):

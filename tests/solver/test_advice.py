@@ -14,6 +14,7 @@ from zoo import interval_problem, pursued_on_a_line, torus_problem, unicycle_pro
 import sdhj
 from sdhj import Dynamics, Grid, UnsafeSet
 from sdhj.common.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
+from sdhj.problem import problem as problem_module
 
 
 def bars(edge=3.9):
@@ -58,7 +59,7 @@ def test_hji_where_projections_are_too_conservative(solves_are_played):
 
 
 def test_a_number_of_steps_where_a_set_does_not_settle(monkeypatch):
-    monkeypatch.setattr("sdhj.problem.problem.FOREVER", 3)
+    monkeypatch.setattr(problem_module, "FOREVER", 3)
     problem = replace(interval_problem(nodes=321, unsafe=False), steps=None)
     with pytest.warns(UnsettledWarning, match="the problem a number"):
         table = sdhj.solve(problem, progress=False, play=False)

@@ -166,9 +166,7 @@ def test_a_short_form_stands_for_the_object_with_its_usual_options():
         assert method_of(name) == method and method_of(method) is method and method.name == name
 
 
-@pytest.mark.filterwarnings(
-    "ignore::sdhj.common.findings.ProjectionWarning"
-)  # dropping x loses the target, dropping y not
+@pytest.mark.filterwarnings("ignore::sdhj.ProjectionWarning")  # dropping x loses the target, dropping y not
 @pytest.mark.parametrize(("name", "method"), [("hji", HJI()), ("projected", Projected()), ("lax", HopfLax())])
 def test_a_short_form_gives_the_table_of_its_object(name, method):
     problem = replace(zoo.torus_problem(nodes=9, steps=2), target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.5))

@@ -182,7 +182,7 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sdhj.common.findings.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.ProjectionWarning")
 @pytest.mark.parametrize(
     "gain",
     [pytest.param(np.eye(3), id="boxes"), pytest.param(np.ones((3, 3)), id="coupled", marks=pytest.mark.slow)],

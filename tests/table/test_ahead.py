@@ -221,7 +221,7 @@ def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
         if step < table.steps:
             inputs, left = rng.integers(0, len(table.problem.inputs), 2000), rng.integers(0, 2, 2000)
             found = table.passes_true_sets(states, inputs, step, left)
-            monkeypatch.setattr(LookupTable, "_fill_in_and_check", Table._fill_in_and_check)
+            monkeypatch.setattr(LookupTable, Table._fill_in_and_check.__name__, Table._fill_in_and_check)
             np.testing.assert_array_equal(found, table.passes_true_sets(states, inputs, step, left))
             monkeypatch.undo()
             assert found.any() and not found.all()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from parameters import but_slow
 
+from sdhj.certified.check import intervals as intervals_module
 from sdhj.certified.check.intervals import JUMPS, RULES, UNITS, gridded, sure
 
 TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # so many operands are truth values
@@ -195,7 +196,7 @@ def test_an_end_that_is_not_finite_makes_both_unknown(ends, large):
 @pytest.mark.parametrize("shape", but_slow([(9,), (7, 12), (2, 5, 4), (2, 3, 2, 2)], (2, 3, 2, 2)))
 def test_tables_are_interpolated(shape, exact, rng, monkeypatch):
     """Inside; and of a box with few nodes, the extremes are attained at a corner or a node."""
-    monkeypatch.setattr("sdhj.certified.check.intervals.MOST_NODES", exact)
+    monkeypatch.setattr(intervals_module, "MOST_NODES", exact)
     table, n = rng.normal(size=shape), len(shape)
     lower, spacing = rng.normal(size=n).tolist(), rng.uniform(0.1, 0.4, n).tolist()
     length = np.array(spacing) * (np.array(shape) - 1)
