@@ -13,8 +13,10 @@ def room(nbytes: int | None) -> Iterator[None]:
     """So many bytes are free, and whatever is asked for is counted; None: the system does not say."""
     free = None if nbytes is None else (nbytes, "are available")
     with (
-        mock.patch.object(memory_module, "available", lambda: free),
+        mock.patch.object(memory_module, memory_module.available.__name__, lambda: free),
         mock.patch.object(memory_module, "SPARE", 0),
-        mock.patch.object(reading_module, "free_memory", lambda: [] if nbytes is None else [nbytes]),
+        mock.patch.object(
+            reading_module, reading_module.free_memory.__name__, lambda: [] if nbytes is None else [nbytes]
+        ),
     ):
         yield
