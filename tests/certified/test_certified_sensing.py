@@ -287,11 +287,6 @@ def test_predictions_for_less_are_not_proved(saved, sensing, tmp_path):
     assert any("predictions" in said for said in failed(saved[1], tmp_path, sensing=sensing))
 
 
-@pytest.mark.slow  # `forged_robots` has the same on a line
-def test_moves_for_a_better_clock_are_not_proved(saved, tmp_path):
-    assert "moves" in failed(saved[1], tmp_path, sensing={"jitter": 0.02})
-
-
 def test_more_claimed_of_predictions_is_found(saved, tmp_path):
     off = saved[0].proof.prediction_error.tolist()
     less = {"unsure": [0.9 * off[0], 0.9 * off[1], off[2]]}
