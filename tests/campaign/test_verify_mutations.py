@@ -29,12 +29,12 @@ EROSION, SURVEY, BESIDE, TIPS = "test_erosion", "test_survey", "test_states_besi
 
 # the file of the checker, the test that must fail, and what stands there with what stands there instead
 MUTATIONS = {
-    "2 pi from below": ("arm/described.py", COVER, "least <= shortest", "True"),
-    "2 pi from above": ("arm/described.py", COVER, "most >= longest", "True"),
-    "doubt about 2 pi": ("arm/described.py", COVER, "most - least <= doubt", "True"),
-    "the last cell": ("arm/described.py", COVER, "n * width >= most", "True"),
+    "2 pi from below": ("arm/claims.py", COVER, "least <= shortest", "True"),
+    "2 pi from above": ("arm/claims.py", COVER, "most >= longest", "True"),
+    "doubt about 2 pi": ("arm/claims.py", COVER, "most - least <= doubt", "True"),
+    "the last cell": ("arm/claims.py", COVER, "n * width >= most", "True"),
     "the agent's box": ("arm/claims.py", COVER, "[(-box, 2", "[(-box, 0", "Fraction(0))]", "Fraction(9))]"),
-    "where the box begins": ("arm/described.py", COVER, "begin in (None, low)", "True"),
+    "where the box begins": ("arm/claims.py", COVER, "begin in (None, low)", "True"),
     "slow end": ("arm/claims.py", LISTS, "+ back -", "+ 0 -"),
     "fast end": ("arm/claims.py", LISTS, "+ ahead +", "+ 0 +"),
     "errors of both measurements": ("arm/claims.py", LISTS, "2 * arm.scene.off(axis)", "arm.scene.off(axis)"),

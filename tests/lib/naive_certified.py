@@ -5,6 +5,7 @@ Also the numbers of the small case studies that the tests of proof and checker s
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -18,6 +19,11 @@ CIRCLE = {
     "path": {"kind": "circle", "centre": [0.0, -0.22], "radius": 0.07, "rate": 9.0, "phase": -1.0},
     "radius": 0.04,
 }
+
+
+def sensing(error=(0.0,) * 4, delay=0.0, jitter=0.0, memory=False):
+    """How an arm senses, as the checker reads it."""
+    return SimpleNamespace(error=np.array(error), delay=delay, jitter=jitter, memory=memory)
 
 
 def pairs(steps):

@@ -123,7 +123,7 @@ def verify(
     if words is not None:
         from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 
-        found += claims_of_an_arm(words, sets, head, silent)
+        found += claims_of_an_arm(words, sets, silent)
     return Verdict(tuple(found))
 
 

@@ -78,8 +78,8 @@ OUT = np.array([-1.0, 1.0])[:, None, None]  # which way is outward, of the lower
 
 # of boxes (2, axes, M) to where something holds all over them, and where it nowhere does, both (M,) bool
 Holds = Callable[[Array], tuple[Array, Array]]
-# of boxes of cells, from first to past, (ndim, M) each, and for each the index of the cell of `not_led` whose image it
-# is, (M,), to whether all cells of the box are in the set into which that cell has to be led, (M,) bool
+# of boxes of cells, from first to past, (ndim, M) each, and for each the number of a set, (M,), to whether all cells of
+# the box are in that set, (M,) bool
 AllIn = Callable[[Array, Array, Array], Array]
 # of a step, or None: of any, to the cells of which something is claimed, (*counts) bool
 OfStep = Callable[[int | None], Array]
@@ -776,34 +776,38 @@ class Argument:
         if self.problem.target is not None:
             new = new & ~self.bits(step, within - 1)
         asked = new & chosen
+        after = self.number(step + 1, within - 1)
         # Sums of a whole set take longest: none where nothing is asked.
         all_in = partial(self.all_in, self.sums(self.bits(step + 1, within - 1)) if asked.any() else None)
         wrong: list[int] = []
         for begin in range(0, new.size, SLAB * 8):
             some = begin + np.flatnonzero(asked[begin : begin + SLAB * 8])
-            wrong += some[self.not_led(some, step, all_in)].tolist()
+            wrong += some[self.not_led(some, np.full(some.size, after), step, all_in)].tolist()
         return Count(int(new.sum()), int(asked.sum()), wrong, f"start {step}, within {within}, cell ")
 
-    def not_led(self, numbers: Array, step: int, all_in: AllIn) -> Array:
-        """From which of cells with flat numbers (M,) no input leads on in a step's interval: indices into `numbers`."""
+    def not_led(self, numbers: Array, into: Array, step: int, all_in: AllIn) -> Array:
+        """Which of cells with flat numbers (M,) no input leads into their sets in a step's interval: indices.
+
+        into (M,) : of each cell the number of the set that it has to be led into.
+        """
         left = np.arange(numbers.size)
         for j in range(self.problem.count):
             if left.size:
-                left = left[~self.leads(numbers, left, step, j, all_in)]
+                left = left[~self.leads(numbers[left], into[left], step, j, all_in)]
         return left
 
-    def leads(self, numbers: Array, some: Array, step: int, j: int, all_in: AllIn) -> Array:
-        """Whether u_j is clear from cells numbers[some] and leads all of each into its set, or into the target: (M,).
+    def leads(self, numbers: Array, into: Array, step: int, j: int, all_in: AllIn) -> Array:
+        """Whether u_j is clear from cells, as of `not_led`, and leads all of each into its set, or the target: (M,).
 
         What has wholly left over a safe end by a cell counts as in the set.
         """
-        cells = np.array(np.unravel_index(numbers[some], self.counts))
+        cells = np.array(np.unravel_index(numbers, self.counts))
         out = self.is_clear(step, j, cells)
         left = np.flatnonzero(out)
         cells = cells[:, left]
         start, places = min(step, len(self.low) - 1), self.strides @ cells
         first, past = cells + self.low[start, j, places].T, cells + self.high[start, j, places].T + 1
-        inside = all_in(first, past, some[left])
+        inside = all_in(first, past, into[left])
         # What has left over a safe end need not be in a set.
         for k in range(len(cells)):
             n = self.counts[k]
@@ -834,7 +838,7 @@ class Argument:
         return out
 
     def all_in(self, sums: Any, first: Array, past: Array, _: Any = None) -> Array:
-        """Whether all cells of boxes from first to past (ndim, M) are in a set: as many of them as there are.
+        """As `AllIn`, of the one set that `sums` are of: it has as many of the cells of a box as there are.
 
         Boxes end with the grid, and go around where an axis closes.
         """

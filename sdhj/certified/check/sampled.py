@@ -4,7 +4,6 @@ No step of the argument stands here: each claim is asked of the function of `arg
 arrays is looked at whole: that cells cover the axes, that sets grow, and how far off predictions are.
 """
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import groupby
@@ -22,7 +21,6 @@ from sdhj.certified.check.intervals import Array
 MOST_WHOLE = 200_000  # claims that are all looked at
 SAMPLED = 100_000  # claims that are looked at of more
 ROWS = 64  # of a set, from which cells are drawn
-NEAR_RIMS = 512  # rows of an arm, from which those at rims are drawn
 
 
 class InMemory:
@@ -50,9 +48,12 @@ def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: A
     in_memory: Any = InMemory(arrays)
     if head["cells"]["kind"] == "arm":
         from sdhj.certified.check.arm.claims import Arm  # with Numba, which no other robot needs
+        from sdhj.certified.check.arm.drawn import some_rows
 
         arm = Arm(head, in_memory)
-        return counted(arm.claims(some_rows(arm, np.random.default_rng(0)), True))
+        few = arm.made.sum() <= MOST_WHOLE
+        rows = np.flatnonzero(arm.made) if few else some_rows(arm, SAMPLED, np.random.default_rng(0))
+        return counted(arm.claims(rows, True))
     sets = Argument(head, in_memory, problem)
     if (made := claims_made(sets)) <= MOST_WHOLE:
         return counted(sets.claims())
@@ -75,8 +76,8 @@ def looked_over(head: Mapping[str, Any], arrays: Mapping[str, Array], problem: A
                 # All sets of a step are asked about at once, as there are few cells of each.
                 drawn[step], sizes = np.concatenate(others), [cells.size for cells in others]
                 within = np.repeat(np.arange(len(others)) + 1, sizes)
-                later = np.repeat([sets.number(step + 1, n) for n in range(len(others))], sizes)
-                bad = sets.not_led(drawn[step], step, partial(all_in, sets, later))
+                into = np.repeat([sets.number(step + 1, n) for n in range(len(others))], sizes)
+                bad = sets.not_led(drawn[step], into, step, partial(all_in, sets))
                 wrong += [f"{NEARER}: {named(step, drawn[step][at], sets.counts)}, within {within[at]}" for at in bad]
                 looked += drawn[step].size
         for count, own in of_inputs(sets, drawn, rng):
@@ -153,7 +154,7 @@ def some_cells(sets: Argument, step: int, within: int, most: int, filled: Array,
     cells = np.concatenate([first, cells[~np.isin(cells, first)][: 8 * most]])
     at, sides = np.array(np.unravel_index(cells, counts)), np.eye(len(counts), dtype=np.int64)
     beside = np.concatenate([at + side[:, None] for side in (*sides, *-sides)], axis=1)
-    among: Array = all_in(sets, np.full(beside.shape[1], sets.number(step, within)), beside, beside + 1)
+    among: Array = all_in(sets, beside, beside + 1, np.full(beside.shape[1], sets.number(step, within)))
     rim: Array = np.any(~among.reshape(2 * len(counts), cells.size), axis=0)
     # What is first has been taken.
     rim[: first.size] = False
@@ -163,12 +164,8 @@ def some_cells(sets: Argument, step: int, within: int, most: int, filled: Array,
     return np.concatenate([first, edge, cells[others][: max(most - first.size - edge.size, 0)]])
 
 
-def all_in(sets: Argument, numbers: Array, first: Array, past: Array, of: Any = slice(None)) -> Array:
-    """As `argument.AllIn`, (M,) bool, by looking up each cell, without the sums of a whole set.
-
-    numbers : of the set of each cell that is asked about, as of `Argument.number`.
-    """
-    numbers = numbers[of]
+def all_in(sets: Argument, first: Array, past: Array, into: Array) -> Array:
+    """As `argument.AllIn`, by looking up each cell, without the sums of a whole set."""
     axes = zip(sets.counts.tolist(), sets.problem.periodic, first, past, strict=True)
     both = [
         (a, np.minimum(b - a, n)) if closes else (np.clip(a, 0, n - 1), np.clip(b, 1, n) - np.clip(a, 0, n - 1))
@@ -181,7 +178,7 @@ def all_in(sets: Argument, numbers: Array, first: Array, past: Array, of: Any = 
         by_own = np.minimum(np.array(by)[:, None], wide[:, left] - 1)
         *rows, last = (begin[:, left] + by_own) % sets.counts[:, None]
         row = np.ravel_multi_index(rows, sets.counts[:-1]) if rows else np.zeros(left.size, np.int64)
-        words = sets.pool[sets.index[numbers[left], row], last >> 6]
+        words = sets.pool[sets.index[into[left], row], last >> 6]
         left = left[(words >> (last & 63).astype(np.uint64) & np.uint64(1)).astype(np.bool_)]
         if not left.size:
             break
@@ -232,72 +229,6 @@ def of_an_input(sets: Argument, step: int, j: int, numbers: Array) -> tuple[int,
         for own in one.numbers
     ]
     return looked, texts
-
-
-# ---- rows of an arm
-
-
-def some_rows(arm: Any, rng: np.random.Generator) -> Array:
-    """Numbers of rows of an arm: all of few claims, else with `SAMPLED` or more, as many as half of it at rims of sets.
-
-    Every set of every step, every input and every end of a joint is among them; of the agent's walls what any of
-    `NEAR_RIMS` rows has.
-    """
-    made: Array = arm.added[0].sum(axis=1) + arm.flags
-    rows = rng.permutation(np.flatnonzero(made))
-    if made.sum() <= MOST_WHOLE:
-        return rows
-    near = rows[:NEAR_RIMS]
-    found = np.array([at_rims(arm, row) for row in near.tolist()])
-    # Those first of whose claims most are at rims.
-    order = np.argsort(-found[:, 0] / made[near])
-    most = order[: 1 + np.searchsorted(np.cumsum(found[order, 0]), SAMPLED // 2)]
-    walls = [order[found[order, wall] > 0][:1] for wall in range(1, 5)]
-    chosen = np.unique(near[np.concatenate([most, *walls])])
-    for own in map(np.flatnonzero, each_of(arm)):
-        if own.size and not np.isin(own, chosen).any():
-            chosen = np.append(chosen, rng.choice(own))
-    others = rows[~np.isin(rows, chosen)]
-    # At least one by chance, and more where all these have too few.
-    return np.append(chosen, others[: 1 + np.searchsorted(np.cumsum(made[others]), SAMPLED - made[chosen].sum())])
-
-
-def each_of(arm: Any) -> Iterator[Array]:
-    """Yield which rows are at each end of a joint, have claims of each input, and new cells of each set: (rows,) bool.
-
-    Sets of late steps come first, as rows that have new cells of these have some of earlier ones, as a rule.
-    """
-    filled: Array = np.any(arm.pool, axis=1)
-    some: Array = np.any(filled[arm.index], axis=0)
-    for joint, n in enumerate(arm.counts[:2].tolist()):
-        at = np.indices(arm.counts[:2])[joint].ravel()
-        yield from (some & (at == end) for end in (0, n - 1))
-    yield from arm.allowed.any(axis=0).reshape(arm.allowed.shape[1], -1)
-    for number in reversed(range(len(arm.index))):
-        own = arm.index[number]
-        # Where the block is another, the cells are.
-        yield own != arm.index[number - 1] if arm.pairs[number, 1] else filled[own]
-
-
-def at_rims(arm: Any, row: int) -> list[int]:
-    """How many of the new cells in a row are at the rim of their set, and how many at each end of the agent's axes."""
-    n1, n2, *sides = arm.counts.tolist()
-
-    def blocks(first: int, second: int) -> Array:
-        words = arm.pool[arm.index[:, first % n1 * n2 + second % n2]]
-        return np.unpackbits(words.view(np.uint8), axis=1, count=math.prod(sides), bitorder="little")
-
-    i, j = divmod(row, n2)
-    own = blocks(i, j)
-    less, new = np.flatnonzero(arm.pairs[:, 1]), own.copy()
-    new[less] &= ~own[less - 1]
-    # A wall is no rim: beside a cell at a wall is the cell itself.
-    beside = np.pad(own.reshape(-1, *sides), ((0, 0), (1, 1), (1, 1)), "edge")
-    inner = beside[:, 2:, 1:-1] & beside[:, :-2, 1:-1] & beside[:, 1:-1, 2:] & beside[:, 1:-1, :-2]
-    for joints in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-        inner &= blocks(*joints).reshape(inner.shape)
-    new = new.reshape(inner.shape)
-    return [int((each > 0).sum()) for each in (new > inner, new[:, 0], new[:, -1], new[..., 0], new[..., -1])]
 
 
 class Drawn(NamedTuple):

@@ -211,7 +211,8 @@ def claims(words: Words, sets: Argument, every: bool, bar: Bar = silently) -> It
 
     every : whether what the file says of cells that are not promised is proved as well.
     """
-    wrong = differences(words, sets)
+    starts = 1 if sets.alike else words.steps + 1
+    wrong = differences(words, sets, sets.near, starts, len(sets.low) * sets.problem.memory)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:
         return
@@ -239,6 +240,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
     # By steps to go, as the sums of one set take longest and serve all words that lead into it.
     for ahead in range(left + 1):
         leads = ahead > 0 and left > 0
+        after = sets.number(start + 1, ahead - 1) if leads else 0
         all_in = partial(sets.all_in, sets.sums(sets.bits(start + 1, ahead - 1)) if leads else None)
         for cells, ids in words.ids(start):
             numbers = np.r_[cells]
@@ -254,7 +256,7 @@ def of_a_start(words: Words, sets: Argument, start: int, every: bool) -> Iterato
                     bad[at] = True
                 asked = np.flatnonzero(bad)
                 if leads:
-                    bad[asked] = ~sets.leads(numbers, asked, start, j, all_in)
+                    bad[asked] = ~sets.leads(numbers[asked], np.full(asked.size, after), start, j, all_in)
                 for name, at in own.items():
                     wrong = cells.start + at[bad[at]]
                     yield name, Count(at.size, at.size, wrong, f"start {start}, input {j}, cell ")
@@ -296,31 +298,34 @@ def images_differ(words: Words, sets: Argument) -> Iterator[str]:
                 yield f"start {start}, input {j}, axis {axis}"
 
 
-def differences(words: Words, sets: Argument) -> list[str]:
-    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file."""
+def differences(words: Words, sets: Any, slack: Any, starts: int, leads: int) -> list[str]:
+    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file.
+
+    Of the slack (ndim,) it is asked only that it is not more. starts, leads : steps with words and images of their own.
+    """
     robot, axes = sets.problem, [*zip(sets.axes, sets.layers, strict=True)]
-    # an arm has a list of its own, `arm.exported.differences`: what is added to one has to be added to the other
+    safe = (np.array(robot.ends) == "safe") & ~robot.periodic[:, None]
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
         "periodic axes": (words.periodic.tolist(), robot.periodic.tolist()),
         "layers": (words.layers.tolist(), sets.layers),
         "begins": (words.lower.tolist(), [float(low - a * width) for (low, width, *_), (a, _) in axes]),
-        "widths": (words.width.tolist(), sets.widths),
+        "widths": (words.width.tolist(), [float(width) for _, width, *_ in sets.axes]),
         "lengths": (
             words.length.tolist(),
             [float((least + most) / 2 + sum(some) * width) for (_, width, least, most), some in axes],
         ),
         # at both ends of the grid `sdhj.h` clips what is measured, and it tells which of them are safe to leave by
         "upper ends": (words.upper.tolist(), robot.upper.tolist()),
-        "safe ends": (words.safe_ends.tolist(), (sets.safe @ [1, 2]).tolist()),
+        "safe ends": (words.safe_ends.tolist(), (safe @ [1, 2]).tolist()),
         "inputs": (words.inputs.tolist(), robot.inputs),
         "steps": (words.steps, robot.steps),
-        "starts": (words.starts, 1 if sets.alike else words.steps + 1),
+        "starts": (words.starts, starts),
         "delta": (float(words.delta), robot.delta),
-        "slack": (bool((words.slack <= sets.near * (1 + 1e-12)).all()), True),
+        "slack": (bool((words.slack <= slack * (1 + 1e-12)).all()), True),
         "error": (words.error.tolist(), robot.error.tolist()),
         "delay": (0.0, robot.delay),
         "problem": (words.problem, robot.head["digest"]),
-        "steps with images of their own": (words.leads, len(sets.low) * robot.memory),
+        "steps with images of their own": (words.leads, leads),
     }
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from naive_certified import CIRCLE, LINE, SMALL, STILL
+from naive_certified import CIRCLE, LINE, SMALL, STILL, sensing
 from plain import run_plainly
 
 import sdhj
@@ -25,7 +25,7 @@ def arm_world() -> Callable[..., World]:
 
     def world(edges: Any = None, **changes: Any) -> World:
         recipe = sdhj.arm_case_study(**(SMALL | {"obstacles": [STILL, LINE, CIRCLE]} | changes)).recipe
-        return Scene(recipe, {}).world((np.linspace(-1, 1, 9),) * 4 if edges is None else tuple(edges))
+        return Scene(recipe, sensing()).world((np.linspace(-1, 1, 9),) * 4 if edges is None else tuple(edges))
 
     return world
 

@@ -263,11 +263,11 @@ def test_samples_and_seed_that_make_no_sense_are_refused(saved):
 
 def test_cells_that_do_not_cover_are_found(recipe):
     arm = object.__new__(Arm)
-    arm.scene, arm.counts, arm.layers = Scene(recipe, {}), np.array([32, 32, 8, 8]), [(0, 0)] * 4
+    arm.scene, arm.counts = Scene(recipe, naive.sensing()), np.array([32, 32, 8, 8])
     box = arm.scene.box
     fine = [(Fraction(0), PI[1] / 16, 2 * PI[0], 2 * PI[1])] * 2 + [(-box, box / 4, 2 * box, 2 * box)] * 2
     arm.axes = fine
-    assert not arm.faults_of_cells()
+    assert not arm.uncovered()
     for axis, changes in (
         (0, {2: Fraction(22, 7) * 2, 3: Fraction(22, 7) * 2}),
         (1, {2: 2 * PI[1]}),
@@ -282,7 +282,7 @@ def test_cells_that_do_not_cover_are_found(recipe):
         for place, value in changes.items():
             axes[axis][place] = value
         arm.axes = [tuple(one) for one in axes]
-        assert [wrong.startswith(f"axis {axis}: ") for wrong in arm.faults_of_cells()] == [True], (axis, changes)
+        assert [wrong.startswith(f"axis {axis}: ") for wrong in arm.uncovered()] == [True], (axis, changes)
 
 
 def test_survey_agrees_with_the_twin(rng):

@@ -82,7 +82,7 @@ def failed(table, data, folder):
     words = Words(folder / "sdhj_table.bin")
     with head_and_arrays(folder / "table.npz") as (head, arrays):
         if table.proof.kind == "arm":
-            return {claim.name for claim in claims_of_an_arm(words, Arm(head, arrays), head, True) if claim.failed}
+            return {claim.name for claim in claims_of_an_arm(words, Arm(head, arrays), True) if claim.failed}
         return {claim.name for claim in claims(words, Argument(head, arrays), True) if claim.failed}
 
 

@@ -24,7 +24,7 @@ LONGEST = 10.0  # seconds that an answer may take
 def read_to_check(path):
     with head_and_arrays(path) as (told, arrays):
         file = Arm(told, arrays)
-    if file.faults_of_cells():  # then `verify` goes no further
+    if file.uncovered():  # then `verify` goes no further
         raise ValueError("not proved")
     return file
 

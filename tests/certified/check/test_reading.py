@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from naive_certified import CIRCLE, STILL
+from naive_certified import sensing as certain
 
 from sdhj.certified.check.arm.claims import PI, Scene, overlapped
 from sdhj.certified.check.reading import edges_of
@@ -23,7 +24,7 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
         {"lengths": [11.0, 1.0]},
         {"lengths": [0.15, 0.0]},
     ):
-        scene = Scene(recipe | {"arguments": recipe["arguments"] | changes}, {})
+        scene = Scene(recipe | {"arguments": recipe["arguments"] | changes}, certain())
         with pytest.raises(ValueError, match="bound on rounding"):
             scene.world((np.linspace(-1, 1, 9),) * 4)
 
@@ -33,7 +34,7 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
 def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
     """Exact end states of random starts, and of the cells' ends, lie in the listed cells; and no list is idly long."""
     recipe["arguments"]["target"] = STILL  # as jitter needs
-    scene = Scene(recipe, sensing)
+    scene = Scene(recipe, certain(**sensing))
     push = Fraction(str(recipe["arguments"]["v_d_max" if axis == 0 else "v_p_max"]))
     off, late = Fraction(0), Fraction(0)
     if sensing:

@@ -95,7 +95,7 @@ class Twin:
         if not evader:
             self.given["target"] = self.given["target"] | {"radius": 0.11}  # some rows are partly outside
         self.known = self.given["obstacles"]
-        self.world = Scene(problem.recipe | {"arguments": self.given}, {}).world((*joints, *plane))
+        self.world = Scene(problem.recipe | {"arguments": self.given}, naive.sensing()).world((*joints, *plane))
         self.cells, index, pool = naive.sets_of(self.steps, self.shape, rng, [0.4, 0.93, 0.93])
         self.along = [np.clip(np.arange(6)[:, None] + [-1, 0], 0, 5), np.clip(np.arange(6)[:, None] + [0, 1], 0, 5)]
         self.ends = [np.sort(rng.integers(0, 3, (9, 3, 2)), axis=2) for _ in range(2)]

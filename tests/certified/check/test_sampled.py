@@ -12,6 +12,7 @@ from parameters import but_slow
 import sdhj
 from sdhj.certified.check import sampled
 from sdhj.certified.check.argument import Argument
+from sdhj.certified.check.arm import drawn
 from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER
 from sdhj.certified.check.reading import head_and_arrays
@@ -145,11 +146,11 @@ def test_cells_are_looked_up_as_sums_count_them(periodic, rng, tmp_path):
     # The second of the two sets has the rows of the first in another order.
     both = np.array([np.arange(len(words)), rng.permutation(len(words))])
     sets.index, own = both, rng.integers(0, 2, 3000)
-    found = sampled.all_in(sets, own, first, past)
+    found = sampled.all_in(sets, first, past, own)
     each = np.array([sets.all_in(sets.sums(cells[rows].ravel()), first, past) for rows in both])
     np.testing.assert_array_equal(found, each[own, np.arange(3000)])
     some = rng.permutation(3000)[:500]
-    np.testing.assert_array_equal(sampled.all_in(sets, own, first[:, some], past[:, some], some), found[some])
+    np.testing.assert_array_equal(sampled.all_in(sets, first[:, some], past[:, some], own[some]), found[some])
     assert 0.05 < found.mean() < 0.95
 
 
@@ -205,20 +206,18 @@ def test_rims_of_an_arm_are_counted_as_cell_by_cell(arm):
             rims[i, j] += not all(own[one] for one in joints + places)
             ends[i, j] += x == 0, x == 5, y == 0, y == 6
     for row, (i, j) in enumerate(np.ndindex(9, 8)):
-        assert sampled.at_rims(arm, row) == [rims[i, j], *ends[i, j]]
+        assert drawn.at_rims(arm, row) == [rims[i, j], *ends[i, j]]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_rows_of_an_arm_have_claims_enough_rims_and_all_else(arm, seed, monkeypatch):
-    monkeypatch.setattr(sampled, "NEAR_RIMS", 40)
+    monkeypatch.setattr(drawn, "NEAR_RIMS", 40)
     new = np.array([own.sum(axis=(2, 3)).ravel() for own in new_of(arm)])
     made = new.sum(axis=0) + arm.allowed.sum(axis=(0, 1)).ravel()
-    assert {*sampled.some_rows(arm, np.random.default_rng(seed)).tolist()} == {*np.flatnonzero(made).tolist()}
-    monkeypatch.setattr(sampled, "MOST_WHOLE", 0)
+    np.testing.assert_array_equal(arm.made, made)
     for few in (20, 200, 400):
-        monkeypatch.setattr(sampled, "SAMPLED", few)
-        rows = sampled.some_rows(arm, np.random.default_rng(seed))
-        found = np.array([sampled.at_rims(arm, row) for row in rows.tolist()]).sum(axis=0)
+        rows = drawn.some_rows(arm, few, np.random.default_rng(seed))
+        found = np.array([drawn.at_rims(arm, row) for row in rows.tolist()]).sum(axis=0)
         assert rows.size == len({*rows.tolist()}) < 60 and made[rows].sum() >= few and found[0] >= few / 2
         assert (found[1:] > 0).all() and ((new[:, rows] > 0).any(axis=1) == (new > 0).any(axis=1)).all()
         assert arm.allowed.any(axis=0).reshape(5, -1)[:, rows].any(axis=1).all()

@@ -133,7 +133,7 @@ def test_what_is_hard_to_separate_is_proved():
     """
     problem = sdhj.arm_case_study()
     edges = [axis.edges() for axis in sdhj.Certified().axes(problem)]
-    world, stack = Scene(problem.recipe, {}).world(edges), np.empty((separation.STACK, separation.BOUNDS))
+    world, stack = Scene(problem.recipe, naive.sensing()).world(edges), np.empty((separation.STACK, separation.BOUNDS))
 
     def proved(bodies, joints, agent, start, duration):
         bounds = [edge[i : i + 2] for edge, i in zip(edges, (*joints, *agent), strict=True)]

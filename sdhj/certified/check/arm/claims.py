@@ -16,7 +16,6 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.check.arm.bits import Array, erode
-from sdhj.certified.check.arm.described import Sensing, Sets
 from sdhj.certified.check.arm.recipe import expect_recipe
 from sdhj.certified.check.arm.rows import Stored, check_rows
 from sdhj.certified.check.arm.separation import DIRECTIONS, World
@@ -24,13 +23,17 @@ from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
 from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
+    MOST_ON_AN_AXIS,
     array,
     decimal,
+    edges_of,
     expect,
+    fraction,
     is_whole,
     real,
     reals,
 )
+from sdhj.certified.check.stated import Problem, listed
 
 AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
@@ -59,12 +62,13 @@ def disk(name: str, given: Any, width: float = 0.0) -> Array:
 class Scene:
     """The numbers of a case study, from its recipe, and how the robot senses.
 
-    given : the recipe's arguments. disks (D, 8) : the obstacles, as `disk_at` reads them, grown by the links' half
-    width. target (8,) : the target likewise; of an evader only its radius counts, as it is where the evader is.
+    given : the recipe's arguments. sensing : the file's `Problem`, of which only its sensing is read here.
+    disks (D, 8) : the obstacles, as `disk_at` reads them, grown by the links' half width. target (8,) : the target
+        likewise; of an evader only its radius counts, as it is where the evader is.
     """
 
-    def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
-        """Read a recipe and the head's entry for sensing, {} where all is certain."""
+    def __init__(self, recipe: Mapping[str, Any], sensing: Any) -> None:
+        """Read a recipe."""
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -82,7 +86,7 @@ class Scene:
         chased = agent == "pursuer"
         self.given, self.agent, self.disks = given, agent, np.array(disks).reshape(-1, 8)
         self.target = disk("the target", given["target"]) if chased else np.array([0.0] * 7 + [given["evader_radius"]])
-        self.sensing = Sensing(sensing, 4, given["delta"])
+        self.sensing = sensing
         still = not chased or given["target"]["path"]["kind"] == "still"
         expect(self.sensing.jitter == 0 or still, "jitter must fit a target at rest", self.sensing.jitter)
 
@@ -158,27 +162,46 @@ def refuse_large(world: World, steps: int) -> None:
         )
 
 
-class Arm(Sets):
+class Arm:
     """The sets of an arm's file, and from which cells of the joints each input is said to clear the obstacles.
 
-    `claims` checks all that the file says of them.
+    `claims` checks all that the file says of them. Each set has a block for each row, whose bits are the agent's cells.
 
+    axes : for each axis its lower end, the width of a cell, and the least and the greatest length, as fractions.
+    counts (4,) : of cells. index (entries, rows) : for each set and row the number of a block of the pool (blocks,
+        words).
     allowed : (steps, L, n1, n2), where inputs are said to be clear of the obstacles.
     pairs : (entries, 2), the start and within of each entry of the index.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Arrays) -> None:
         """Read an arm's file; ValueError where head or arrays do not fit the recipe."""
-        self.scene = Scene(head["recipe"], head.get("sensing", {}))
-        expect_recipe(head, arrays, self.scene)
+        self.problem = Problem(head, arrays, None)
+        self.scene = Scene(head["recipe"], self.problem)
+        expect_recipe(self.problem, self.scene)
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
-        super().__init__(head["cells"], arrays, 4, 2, len(pairs))
-        expect(not any(map(any, self.layers)), "cells of an arm have their width", self.layers)
+        self.read_cells(head["cells"], arrays)
         flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
+
+    def read_cells(self, stated: Mapping[str, Any], arrays: Arrays) -> None:
+        """Read the cells of each axis, and the sets on them."""
+        shape, self.layers = listed("the numbers of cells", stated["shape"], 4), stated.get("layers", [[0, 0]] * 4)
+        expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
+        expect(self.layers == [[0, 0]] * 4, "cells of an arm have their width", self.layers)
+        ends = zip(stated["lowers"], stated["widths"], stated["extents"], strict=True)
+        self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
+        expect(len(self.axes) == 4, "an arm has 4 axes", stated["lowers"])
+        self.counts, packed = np.array(shape), math.prod(shape[2:])
+        self.index = array(arrays, "index", np.uint32, len(self.pairs), math.prod(shape[:2]))
+        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-packed // 64))
+        # Whole words are compared and counted: bits past the last cell would count as cells.
+        beyond = self.pool[:, -1] >> np.uint64(packed % 64) if packed % 64 else np.zeros(1)
+        expect(not beyond.any(), "the sets must have no cells that there are not", packed)
+        self.edges = [edges_of(*one) for one in zip(shape, self.axes, self.layers, strict=True)]
 
     def bits(self, step: int, within: int) -> Array:
         """The set S_step^within of the file: (cells,), the last axis fastest."""
@@ -191,16 +214,28 @@ class Arm(Sets):
         """The bytes that a check takes: three copies of the sets, and for each packed flag a byte."""
         return 3 * arrays.nbytes + 8 * arrays.stated["allowed"].size
 
-    def faults_of_cells(self) -> list[str]:
-        """The faults of the cells, a text each; [] if they cover every axis, those of a joint a turn, 2 pi."""
-        box = self.scene.box
-        turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
-        return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
+    def uncovered(self) -> list[str]:
+        """A text for each axis that its cells do not cover, or would cover without the last one; of a joint a turn."""
+        # `Argument.uncovered` asks the same of other robots' cells
+        box, wrong = self.scene.box, list[str]()
+        turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN  # an angle may begin anywhere
+        ends = [turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2
+        for axis, (n, (low, width, least, most)) in enumerate(zip(self.counts.tolist(), self.axes, strict=True)):
+            begin, shortest, longest, doubt = ends[axis]
+            fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)
+            if not (fits and (n - 1) * width < least and n * width >= most):
+                wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")
+        return wrong
 
     @cached_property
     def added(self) -> tuple[Array, Claim]:
         """As `cells_added`."""
         return cells_added(self)
+
+    @cached_property
+    def made(self) -> Array:
+        """How many claims of cells and flags there are in each row."""
+        return np.asarray(self.added[0].sum(axis=1) + self.flags)
 
     @cached_property
     def flags(self) -> Array:
@@ -212,7 +247,7 @@ class Arm(Sets):
 
         Only the first where cells do not cover the axes.
         """
-        yield Claim(COVER, 4, 4, wrong := self.faults_of_cells())
+        yield Claim(COVER, 4, 4, wrong := self.uncovered())
         if wrong:  # nothing else in the file means what it says
             return
         world, (counts, grow) = self.scene.world(self.edges), self.added

@@ -17,15 +17,16 @@ from sdhj.certified.check.arm.claims import Arm, in_threads, overlapped
 from sdhj.certified.check.arm.rows import words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.claims import Claim
-from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps, steps_to_go
+from sdhj.certified.check.words import Words, claims_of_inputs, claims_of_steps, differences, steps_to_go
 
 
-def claims(words: Words, sets: Arm, head: Any, silent: bool) -> Iterator[Claim]:
-    """Yield all claims of an exported table, checked against the sets of the certified table and the head of its file.
+def claims(words: Words, sets: Arm, silent: bool) -> Iterator[Claim]:
+    """Yield all claims of an exported table, checked against the sets of the certified table.
 
     Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
     """
-    wrong = differences(words, sets, head)
+    slack = np.full(len(words.counts), STATE_ERROR)
+    wrong = differences(words, sets, slack, words.steps + 1, int(sets.problem.memory))
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:
         return
@@ -62,47 +63,6 @@ def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
         cells = range(first, min(last, first + n - 1) + 1)
         found.append(sorted({cell % n for cell in cells} if axis < 2 else {min(max(cell, 0), n - 1) for cell in cells}))
     return found == overlapped(axis, sets, drift - push, drift + push)
-
-
-def differences(words: Words, sets: Arm, head: Any) -> list[str]:
-    """A text "name: mine and not theirs" for each entry of an exported table that is not that of the table's file.
-
-    [] if all agree; of the slack it is asked only that it is not more than the file's.
-    """
-    own, periodic = [*zip(sets.axes, sets.layers, strict=True)], np.array(head["grid"]["periodic"])
-    pairs = {
-        "cells": (words.counts.tolist(), sets.counts.tolist()),
-        "periodic axes": (words.periodic.tolist(), periodic.tolist()),
-        "layers": (words.layers.tolist(), sets.layers),
-        "begins": (words.lower.tolist(), [float(low - a * width) for (low, width, *_), (a, _) in own]),
-        "widths": (words.width.tolist(), [float(width) for _, width, *_ in sets.axes]),
-        "lengths": (
-            words.length.tolist(),
-            [float((least + most) / 2 + sum(some) * width) for (_, width, least, most), some in own],
-        ),
-        # at both ends of the grid `sdhj.h` clips what is measured, and it tells which of them are safe to leave by
-        "upper ends": (words.upper.tolist(), [float(upper) for upper in head["grid"]["upper"]]),
-        "safe ends": (
-            words.safe_ends.tolist(),
-            (((np.array(head["grid"]["ends"]) == "safe") @ [1, 2]) * ~periodic).tolist(),
-        ),
-        "inputs": (words.inputs.tolist(), np.array(head["inputs"], dtype=np.float64).tolist()),
-        "steps": (words.steps, head["steps"]),
-        "starts": (words.starts, words.steps + 1),
-        "delta": (float(words.delta), float(head["delta"])),
-        "slack": (bool((words.slack <= STATE_ERROR * (1 + 1e-12)).all()), True),
-        "error": (
-            words.error.tolist(),
-            np.broadcast_to(head.get("sensing", {}).get("error", 0.0), len(words.counts)).tolist(),
-        ),
-        "delay": (0.0, float(head.get("sensing", {}).get("delay", 0.0))),
-        "problem": (words.problem, head["digest"]),
-        "steps with images of their own": (
-            words.leads,
-            int(head.get("sensing", {}).get("memory", False)),
-        ),
-    }
-    return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
 
 
 def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:

@@ -4,13 +4,11 @@ Numbers are compared with those of the recipe, and the formulas of the sets, at 
 here: the digest of a file is of what its head describes, and the proof of what its recipe says.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from sdhj.certified.check.arm.bits import Array
-from sdhj.certified.check.files import Arrays
 from sdhj.certified.check.reading import expect
 from sdhj.certified.check.stated import Problem
 
@@ -18,9 +16,9 @@ CLOSE = 1e-9  # m, rad, m/s: more than rounding makes of numbers up to 100 (`ref
 STATES = 300
 
 
-def expect_recipe(head: Mapping[str, Any], arrays: Arrays, scene: Any) -> None:
-    """Raise ValueError unless what the head describes is the arm of the recipe that `scene`, a `Scene`, was made of."""
-    given, robot = scene.given, Problem(head, arrays, None)
+def expect_recipe(robot: Problem, scene: Any) -> None:
+    """Raise ValueError unless what a head describes is the arm of the recipe that `scene`, a `Scene`, was made of."""
+    given = scene.given
     inputs, box = np.array(scene.inputs(), dtype=np.float64), float(scene.box)
     upper = np.array([np.pi, np.pi, box, box])
     same = (robot.delta, robot.steps) == (given["delta"], given["steps"]) and robot.ndim == 4
