@@ -1,4 +1,4 @@
-"""The benchmark's problem, its report, and timed cases for pytest-benchmark (`pytest -m bench`)."""
+"""The benchmark's problem, its report, and timed cases for pytest-benchmark (`pytest -m bench -n 0 -p benchmark`)."""
 
 import itertools
 
