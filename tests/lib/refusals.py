@@ -982,6 +982,99 @@ REFUSED += [
     for name in ("grid", "dynamics")
     for wrong in (None, 3, "grid", [1], {}, Grid, np.zeros(3))
 ]
+ARGUMENTS = [  # of which function, the function, what is said
+    ("drift", lambda: 0.0, r"got \(\)"),
+    ("drift", lambda a, b, c, d: a, r"got \(a, b, c"),
+    (
+        "drift",
+        lambda q, w, s: q,
+        r"known, got \(q, w",
+    ),
+    ("drift", lambda points, *, t=0.0: points, r"never gets t"),
+    ("drift", lambda points, u, v: u, r"got \(points, u, v\)"),
+    ("drift", lambda *args: args[0], r"got \(\*args\)"),
+    ("drift", lambda points, *, wind: points, r"got \(points, \*, wind\)"),
+    ("drift", lambda points, scale=2.0, t=0.0: points, r"got \(points, scale=2.0, t=0.0\)"),
+    ("drift", max, "what it takes: wrap"),
+    ("gain", lambda a, b, c, d: a, "state first and then"),
+    (
+        "bounds",
+        lambda time: [time],
+        r"are known, got \(time\)",
+    ),
+    ("bounds", lambda points, time: [time], r"got \(points, time\)"),
+    ("velocity", lambda q, u, w: q, r"got \(q, u, w\)"),
+]
+OF_DYNAMICS = [  # what differs from a line on which u = 1 moves the robot, what is said
+    ({"inputs": [[np.nan]]}, "inputs has a NaN"),
+    ({"inputs": [1.0]}, r"have shape \(L, m\)"),
+    ({"inputs": np.zeros((0, 1))}, r"input, got \(0, 1\)$"),
+    ({"inputs": [["fast"]]}, "must be real numbers"),
+    ({"inputs": np.zeros((65_537, 1)), "drift": np.zeros((65_537, 1))}, "65537 inputs; at most"),
+    ({"drift": [[np.inf]]}, "NaN or an infinity"),
+    ({"gain": [["a"]]}, "must be real numbers"),
+    ({"bounds": [-0.1]}, r">= 0, got \[-0.1\]"),
+    ({"bounds": [[0.1]]}, "half-widths"),
+    ({"bounds": [0.1j]}, "must be real numbers"),
+    ({"bounds": [np.nan]}, "bounds has a NaN"),
+    ({"velocity": lambda q, u, v: q}, "give drift, with gain"),
+    ({"velocity": lambda q, u, v: q, "drift": None}, "give drift, with gain"),
+    (
+        {"velocity": [[1.0]], "drift": None, "gain": None},
+        r"v, t\), got \[\[1.0\]\]",
+    ),
+]
+ON_A_GRID = [  # the same, where a problem is made
+    ({"drift": [[1.0, 2.0]]}, r"\(1, 1\), got \(1"),
+    ({"gain": [[1.0], [2.0]]}, r"1 bounds, got \(2"),
+    ({"gain": [[1.0, 2.0]]}, r"1 bounds, got \(1"),
+    ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "for 1 bounds, got"),
+]
+IN_A_PLANE = [  # and of two axes
+    ({"drift": lambda p: p[:, :1]}, r"2\), got \(M, 1\)"),
+    ({"drift": lambda q, u: [1.0]}, r"\(M, 2\), got \(1,\)"),
+    ({"gain": lambda p: p}, r"shape \(M, 2, 1\)"),
+    ({"gain": lambda q, t: [t]}, r"2, 1\), got \(1,\)"),
+    ({"bounds": lambda t: 0.1}, r"v, shape \(D,\), got"),
+    ({"bounds": lambda q, t: q[:, 0]}, r"shape \(M, D\), got"),
+    ({"bounds": lambda t: ["a"]}, "bounds"),
+    ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, "times a whole number"),
+    ({"drift": lambda p, u, t: p if t < 1 else -p}, r"\.py, line"),
+    ({"drift": lambda p, t: p * math.sin(t)}, "drift cannot be read"),
+    ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "cannot be a BlackBox"),
+]
+
+
+def driven(two_axes=False, **change):
+    """A problem of one input, whose dynamics are those of arrays but for what is changed."""
+    arrays = {"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]}
+    arrays |= {"drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]]} if two_axes else {}
+    dynamics = Dynamics(**arrays | change)
+    return zoo.plane(dynamics=dynamics) if two_axes else replace(line(), dynamics=dynamics)
+
+
+def of_velocity(name, function):
+    return driven(**({"drift": None, "gain": None} if name == "velocity" else {}) | {name: function})
+
+
+REFUSED += [(lambda name=name, one=one: of_velocity(name, one), said) for name, one, said in ARGUMENTS]
+REFUSED += [(lambda change=change: driven(**change), said) for change, said in [*OF_DYNAMICS, *ON_A_GRID]]
+REFUSED += [(lambda change=change: driven(True, **change), said) for change, said in IN_A_PLANE]
+SENSINGS = [
+    ({"error": -0.1}, "error"),
+    ({"error": [0.1, 0.1]}, "error"),
+    ({"error": "much"}, "error"),
+    ({"delay": 0.6}, "most delta, 0.5 s"),
+    ({"jitter": 0.3}, "most delta, 0.5 s"),
+    ({"delay": 0.4, "jitter": 0.1}, r"delay \+ 2 jitter"),
+    ({"error": 0.6}, r"known to within \[0.6\]"),
+    ({"delay": 0.1, "rest": 3}, "rest"),
+    ({"error": 0.1, "memory": "yes"}, "memory"),
+]
+REFUSED += [
+    (lambda given=given: replace(line(), sensing=sdhj.Sensing(**{"memory": False} | given)), said)
+    for given, said in SENSINGS
+]
 GRIDS = [  # what differs from a grid in the plane, what it says
     ({"lower": ["a", 0]}, r"lower\[0\].*number.*'a'"),
     ({"lower": [0, "0"]}, r"lower\[1\].*number.*'0'"),
@@ -1005,3 +1098,5 @@ GRIDS = [  # what differs from a grid in the plane, what it says
     ({"periodic": [True, 0]}, r"periodic\[1\].*True or False.*0"),
     ({"names": 5}, "names.*sequence.*5"),
 ]
+SQUARE = {"lower": [0, 0], "upper": [1, 1], "shape": [9, 9]}
+REFUSED += [(lambda change=change: Grid(**SQUARE | change), said) for change, said in GRIDS]

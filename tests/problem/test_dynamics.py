@@ -118,41 +118,6 @@ def test_functions_say_what_they_take(name, function, takes):
     assert arguments(name, function) == takes
 
 
-@pytest.mark.parametrize(
-    ("name", "function", "said"),
-    [
-        ("drift", lambda: 0.0, r"got \(\)"),
-        ("drift", lambda a, b, c, d: a, r"got \(a, b, c"),
-        (
-            "drift",
-            lambda q, w, s: q,
-            r"known, got \(q, w",
-        ),
-        ("drift", lambda points, *, t=0.0: points, r"never gets t"),
-        ("drift", lambda points, u, v: u, r"got \(points, u, v\)"),
-        ("drift", lambda *args: args[0], r"got \(\*args\)"),
-        ("drift", lambda points, *, wind: points, r"got \(points, \*, wind\)"),
-        ("drift", lambda points, scale=2.0, t=0.0: points, r"got \(points, scale=2.0, t=0.0\)"),
-        ("drift", max, "what it takes: wrap"),
-        ("gain", lambda a, b, c, d: a, "state first and then"),
-        (
-            "bounds",
-            lambda time: [time],
-            r"are known, got \(time\)",
-        ),
-        ("bounds", lambda points, time: [time], r"got \(points, time\)"),
-        ("velocity", lambda q, u, w: q, r"got \(q, u, w\)"),
-    ],
-)
-def test_what_takes_something_else_is_refused(name, function, said):
-    with pytest.raises(ValueError, match=said):
-        arguments(name, function)
-    arrays = {"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]}
-    arrays |= {"drift": None, "gain": None} if name == "velocity" else {}
-    with pytest.raises(ValueError, match=said):
-        Dynamics(**arrays | {name: function})
-
-
 def test_functions_are_called_with_what_they_name():
     """Once for each input, while the problem is made; afterwards nobody calls them."""
     calls = []
@@ -176,74 +141,6 @@ def test_functions_are_called_with_what_they_name():
 
 
 # ---- what is refused, when made and when read
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"inputs": [[np.nan]]}, "inputs has a NaN"),
-        ({"inputs": [1.0]}, r"have shape \(L, m\)"),
-        ({"inputs": np.zeros((0, 1))}, r"input, got \(0, 1\)$"),
-        ({"inputs": [["fast"]]}, "must be real numbers"),
-        ({"inputs": np.zeros((65_537, 1)), "drift": np.zeros((65_537, 1))}, "65537 inputs; at most"),
-        ({"drift": [[np.inf]]}, "NaN or an infinity"),
-        ({"gain": [["a"]]}, "must be real numbers"),
-        ({"bounds": [-0.1]}, r">= 0, got \[-0.1\]"),
-        ({"bounds": [[0.1]]}, "half-widths"),
-        ({"bounds": [0.1j]}, "must be real numbers"),
-        ({"bounds": [np.nan]}, "bounds has a NaN"),
-        ({"velocity": lambda q, u, v: q}, "give drift, with gain"),
-        ({"velocity": lambda q, u, v: q, "drift": None}, "give drift, with gain"),
-        (
-            {"velocity": [[1.0]], "drift": None, "gain": None},
-            r"v, t\), got \[\[1.0\]\]",
-        ),
-    ],
-)
-def test_dynamics_refuse(change, said):
-    with pytest.raises(ValueError, match=said):
-        Dynamics(**{"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]} | change)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"drift": [[1.0, 2.0]]}, r"\(1, 1\), got \(1"),
-        ({"gain": [[1.0], [2.0]]}, r"1 bounds, got \(2"),
-        ({"gain": [[1.0, 2.0]]}, r"1 bounds, got \(1"),
-        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "for 1 bounds, got"),
-    ],
-)
-def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
-    dynamics = Dynamics(**{"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]} | change)
-    with pytest.raises(ValueError, match=said):
-        dynamics.read(1)
-    with pytest.raises(ValueError, match=said):
-        problem_of(dynamics, Grid([-1.0], [1.0], [9]))
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"drift": lambda p: p[:, :1]}, r"2\), got \(M, 1\)"),
-        ({"drift": lambda q, u: [1.0]}, r"\(M, 2\), got \(1,\)"),
-        ({"gain": lambda p: p}, r"shape \(M, 2, 1\)"),
-        ({"gain": lambda q, t: [t]}, r"2, 1\), got \(1,\)"),
-        ({"bounds": lambda t: 0.1}, r"v, shape \(D,\), got"),
-        ({"bounds": lambda q, t: q[:, 0]}, r"shape \(M, D\), got"),
-        ({"bounds": lambda t: ["a"]}, "bounds"),
-        ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, "times a whole number"),
-        ({"drift": lambda p, u, t: p if t < 1 else -p}, "test_dynamics.py, line"),
-        ({"drift": lambda p, t: p * math.sin(t)}, "drift cannot be read"),
-        ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "cannot be a BlackBox"),
-    ],
-)
-def test_answers_that_do_not_fit_are_refused_when_they_are_read(change, said):
-    arrays = {"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]}
-    with pytest.raises(ValueError, match=said):
-        Dynamics(**arrays | change).read(2)
-    with pytest.raises(ValueError, match=said):
-        problem_of(Dynamics(**arrays | change))
 
 
 @pytest.mark.parametrize(

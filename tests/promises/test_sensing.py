@@ -508,24 +508,6 @@ def test_nothing_is_promised_to_a_state_that_is_off_the_grid(sensing, ends, meth
 # ---- what does not fit, files
 
 
-@pytest.mark.parametrize(
-    ("sensing", "told"),
-    [
-        ({"error": -0.1}, "error"),
-        ({"error": [0.1, 0.1]}, "error"),
-        ({"error": "much"}, "error"),
-        ({"delay": 0.6}, "most delta, 0.5 s"),
-        ({"jitter": 0.3}, "most delta, 0.5 s"),
-        ({"delay": 0.4, "jitter": 0.1}, r"delay \+ 2 jitter"),
-        ({"error": 0.6}, r"known to within \[0.6\]"),
-        ({"delay": 0.1, "rest": 3}, "rest"),
-    ],
-)
-def test_what_is_refused(sensing, told):
-    with pytest.raises(ValueError, match=told):
-        replace(zoo.interval_problem(), sensing=Sensing(**sensing, memory=False))
-
-
 def test_what_is_refused_of_problems():
     problem = zoo.interval_problem()
     with pytest.raises(ValueError, match=r"sdhj\.Sensing"):

@@ -141,11 +141,6 @@ def test_remembering_is_the_default_and_files_from_before_forget(tmp_path):
         assert sdhj.load(tmp_path / "table.npz", problem=joint(0.1, memory, 2)).problem.sensing.memory == memory
 
 
-def test_memory_is_true_or_false():
-    with pytest.raises(ValueError, match="memory"):
-        sdhj.Sensing(0.1, memory="yes")
-
-
 @pytest.mark.parametrize("rate", [10, 50])
 @pytest.mark.slow
 def test_grids_remember_too(rate):
