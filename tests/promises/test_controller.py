@@ -365,14 +365,15 @@ def test_boxes_that_differ_at_one_end_only_have_margins_of_their_own() -> None:
         assert batch.safe[0].tolist() == [margin <= 0 for margin in margins]
 
 
+@pytest.mark.parametrize("name", ["torus", "unicycle"])
 def test_one_state_and_a_batch_over_several_threads_agree(
-    tables: dict[str, LookupTable], rng: np.random.Generator
+    tables: dict[str, LookupTable], name: str, rng: np.random.Generator
 ) -> None:
-    controller = Controller(tables["torus"])
+    controller = Controller(tables[name])
     states = random_states(controller.problem, 2 * CHUNK + 100, rng)
     batch = controller.batch(states, 1)
     chosen = controller.choose(batch)
-    for m in (0, 1, 2, CHUNK - 1, CHUNK, 2 * CHUNK, len(states) - 1):
+    for m in (*range(100), CHUNK - 1, CHUNK, 2 * CHUNK, len(states) - 1):
         n = controller.steps_to_go(states[m], 1)
         assert batch.steps_to_go[m] == (-1 if n is None else n)
         if n is None:
@@ -381,8 +382,8 @@ def test_one_state_and_a_batch_over_several_threads_agree(
             assert controller.safe_inputs(states[m], 1).tolist() == np.flatnonzero(batch.safe[m]).tolist()
             assert controller.select(states[m], 1) == chosen[m]
     assert (chosen >= 0).any() and (chosen < 0).any()
-    assert controller.batch(np.zeros((0, 2)), 0).steps_to_go.shape == (0,)
-    assert Controller(tables["unicycle"]).batch(np.zeros((0, 3)), 0).safe.shape == (0, 3)
+    none = controller.batch(np.zeros((0, controller.problem.grid.ndim)), 0)
+    assert none.steps_to_go.shape == (0,) and none.safe.shape == (0, len(controller.problem.inputs))
 
 
 def test_a_state_is_the_same_a_turn_later(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:

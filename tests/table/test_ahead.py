@@ -190,17 +190,6 @@ def controller_of(name: str) -> Controller:
     return Controller(sdhj.solve(PROBLEMS[name](), progress=False))
 
 
-@pytest.mark.parametrize("name", ["car", "boat"])
-def test_one_state_and_many_get_the_same_answer(name: str, rng: np.random.Generator) -> None:
-    controller = controller_of(name)
-    states = states_of(controller.problem, 200, rng)
-    batch = controller.batch(states, 0)
-    chosen = controller.choose(batch)
-    for m in np.flatnonzero(batch.steps_to_go >= 0):
-        assert controller.select(states[m], 0) == chosen[m]
-        assert controller.safe_inputs(states[m], 0).tolist() == np.flatnonzero(batch.safe[m]).tolist()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["car", "tide", "walls", "slip"])
 def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
