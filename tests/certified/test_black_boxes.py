@@ -196,8 +196,8 @@ def test_what_cannot_be_a_black_box_is_refused():
     problem = interval_problem()
     wild = sdhj.BlackBox(lambda q, u, t: [[0.1]], slope=0.0, rate=0.0)
     for given, told in (
-        ({"drift": problem.inputs, "gain": [[1.0]], "bounds": wild}, "bounds.*BlackBox.*half-widths"),
-        ({"velocity": wild, "bounds": [0.1]}, "velocity.*BlackBox.*drift and gain"),
+        ({"drift": problem.inputs, "gain": [[1.0]], "bounds": wild}, "BlackBox.*half-widths"),
+        ({"velocity": wild, "bounds": [0.1]}, "BlackBox.*drift and gain"),
     ):
         with pytest.raises(ValueError, match=told):
             sdhj.Dynamics(problem.inputs, **given).read(1)

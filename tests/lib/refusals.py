@@ -333,7 +333,7 @@ ADVISED = {
         lambda to: Dynamics(MOVES, lambda q, u: np.maximum(0 * q, u)),
     ),
     "bounds as a black box": (
-        "bounds.*BlackBox.*half-widths",
+        "BlackBox.*half-widths",
         lambda to: replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], sdhj.BlackBox(lambda q, u: 0.2 + 0 * q))),
         lambda to: [
             replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], one)) for one in ([0.2], lambda q: 0.2 + 0 * q)
@@ -1041,7 +1041,7 @@ IN_A_PLANE = [  # and of two axes
     ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, "times a whole number"),
     ({"drift": lambda p, u, t: p if t < 1 else -p}, r"\.py, line"),
     ({"drift": lambda p, t: p * math.sin(t)}, "drift cannot be read"),
-    ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "cannot be a BlackBox"),
+    ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "BlackBox.*half-widths"),
 ]
 
 

@@ -187,7 +187,7 @@ def test_files_of_older_formats_are_refused_in_a_sentence(tmp_path, begin):
     """Formats 1 and 2 were HDF5 files from the first byte on, 3 to 5 behind three lines of text."""
     path = tmp_path / "old.h5"
     path.write_bytes(begin + bytes(1000))
-    said = "HDF5.*earlier sdhj" if len(begin) != 12 else "damaged"
+    said = "earlier sdhj" if len(begin) != 12 else "damaged"
     for read in (sdhj.load, read_head):
         with pytest.raises(sdhj.TableFileError, match=f"{said}.*anew$"):
             read(path)

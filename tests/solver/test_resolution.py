@@ -53,7 +53,7 @@ def lost(table, rng, half=0.05):
 
 @pytest.mark.slow
 def test_a_wall_between_the_nodes_is_told_and_where_and_how_many_nodes_it_takes(rng):
-    with pytest.warns(ResolutionWarning, match="'plan' hides between the") as told:
+    with pytest.warns(ResolutionWarning, match="'plan'.*between") as told:
         blind = sdhj.solve(room())
     assert "about 0.1 thick" in str(told[0].message) and "81 nodes along x1" in str(told[0].message).replace("82", "81")
     assert lost(blind, rng) > 0.1
@@ -66,7 +66,7 @@ def test_a_wall_between_the_nodes_is_told_and_where_and_how_many_nodes_it_takes(
 
 @pytest.mark.parametrize("half", [0.005, 0.02, 0.09])
 def test_walls_of_any_thickness_are_found(half):
-    with pytest.warns(ResolutionWarning, match="hides"):
+    with pytest.warns(ResolutionWarning, match="between"):
         looked_over(room(half=half))
 
 
@@ -293,7 +293,7 @@ MISTAKES = {
     ),
     "a thin fence": (
         {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 0.513) - 0.004},
-        "'o' hides.*height = 0.513",
+        "'o'.*height .*0.513",
     ),
 }
 METHODS = {"hji": "hji", "joint": Joint(), "lax": "lax", "projected": "projected"}
