@@ -155,8 +155,8 @@ def growing(*, rate=24.0, delta=1.0, most=20.0, upper=40.0):
     )
 
 
-def tide(*, phase=0.0, bound=0.05, more=0.0, target=0.0, **given):
-    """A current that turns, a target that drifts, gusts that grow."""
+def tide(*, phase=0.0, bound=0.05, more=0.0, target=0.0, pace=0.3, **given):
+    """A current that turns, a target and a wall that drift, gusts that grow."""
     levels = [[-1.5], [0.0], [1.5]]
     return sdhj.ReachAvoidProblem(
         sdhj.Grid([-3.0], [3.0], [31]),
@@ -166,8 +166,8 @@ def tide(*, phase=0.0, bound=0.05, more=0.0, target=0.0, **given):
             [[1.0]],
             lambda t: np.stack([bound + more * t]),
         ),
-        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - target - 0.3 * t) - 0.7),
-        [sdhj.UnsafeSet((0,), lambda p, t: 2.0 - 0.3 * t - p[:, 0], name="wall")],
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - target - pace * t) - 0.7),
+        [sdhj.UnsafeSet((0,), lambda p, t: 2.0 - pace * t - p[:, 0], name="wall")],
         0.4,
         3,
         **given,
@@ -249,6 +249,12 @@ def spread(*, steep=2.0, bounds=lambda q, u: np.stack([0.1 + 0.0 * u[0]]), **sen
         steps=2,
         sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing), memory=False),
     )
+
+
+def rapids():
+    """dx = u + 2 x + v with gusts that grow with x, measured late: where a prediction comes to all is faster."""
+    gusts = lambda q, u: 0.5 + 0.2 * q  # noqa: E731
+    return replace(spread(), dynamics=sdhj.Dynamics([[0.0], [2.0]], lambda q, u: u + 2.0 * q, [[1.0]], gusts))
 
 
 def stream(*, ends="safe", speed=3.0, push=0.0, rock=(0.5, 0.5, 0.15), pace=0.0, ways=(-1, 1)):
@@ -371,6 +377,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
     "growing slowly": (lambda: growing(rate=0.5), (40,), 1),
     "tide": (tide, (120,), 2),
+    "tide at a quay": (lambda: tide(pace=0.0), (120,), 2),
     "blown": (blown, (160,), 2),
     "pushed": (pushed, (80,), 1),
     "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1, memory=False)), (80,), 1),
@@ -378,6 +385,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "sliding": (sliding, (40, 4), 2),
     "surge": (surge, (120,), 2),
     "spread": (spread, (200,), 2),
+    "rapids": (rapids, (200,), 2),
     "gusty": (lambda: spread(steep=0.0, bounds=lambda q, u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
     "stream": (stream, (10, 10), 2),
     "rock at the lower end": (lambda: stream(rock=(0.02, 0.5, 0.02)), (10, 10), 2),
@@ -716,6 +724,7 @@ FORGERIES: dict[str, Forgery] = {
     "predictions as near as measurements": Forgery("spread", NEAR, off_by(0.05)),
     "predictions that begin where the state is": Forgery("spread", NEAR, off_by(0.075)),
     "predictions that move on at once": Forgery("spread", NEAR, off_by(0.078)),
+    "predictions pushed as where they come from": Forgery("rapids", NEAR, off_by(0.2)),
     "predictions pushed one way": Forgery("late", NEAR, off_by(0.065)),
     "predictions for the first input": Forgery("gusty", NEAR, off_by(0.068)),
     "predictions for the first step": Forgery("gusty", NEAR, off_by(0.0735)),
@@ -826,7 +835,10 @@ FORGERIES: dict[str, Forgery] = {
     "moves of one hour": Forgery(
         "tide", "low must be kept", lambda told, arrays: put(arrays, low=arrays["low"][()][:1])
     ),
-    "sets for all times": Forgery("crossed", "sets for each step", lambda told, arrays: for_all_times(told, arrays)),
+    "sets for all times": Forgery("crossed", "sets for each step", lambda told, arrays: alike(told, arrays)),
+    "sets for all times of a tide": Forgery(
+        "tide at a quay", "sets for each step", lambda told, arrays: alike(told, arrays)
+    ),
     "moves that end before they begin": Forgery("line", "lead to some cell", shifts("low", 9)),
     "a clock that is off, and a tide": Forgery(
         "tide", "with jitter the velocity", head(lambda told: told.update(sensing={"jitter": 0.05}))
@@ -882,11 +894,6 @@ def safe_for_ever(told: Told, arrays: Any) -> None:
         found[0][tuple(outside[len(outside) // 2])] = True
 
     sets(change)(told, arrays)
-
-
-def for_all_times(told: Told, arrays: Any) -> None:
-    index = arrays["index"][()][:4]
-    put(arrays, index=index, pool=arrays["pool"][()][: index.max() + 1])
 
 
 def lines(told: Told, name: str) -> list[str]:
@@ -1067,7 +1074,7 @@ def two_targets(told, arrays):
 
 
 def alike(told, arrays):
-    """The sets of step 0, for all steps, though the target moves on."""
+    """The sets of step 0, for all steps, though something moves on."""
     index = arrays["index"][()][:4]
     put(arrays, index=index, pool=arrays["pool"][()][: index.max() + 1])
 

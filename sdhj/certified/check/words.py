@@ -179,7 +179,8 @@ def claims_of_inputs(
     """
     # of an arm, too (`arm.exported`), which knows these fields by their names
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
-    nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
+    # 0 leads nowhere: where a cell is in no set, what its file says of its moves may be false
+    nearest = np.where(steps > left, 0, left if has_no_target else np.minimum(np.maximum(steps, 1), left))
     for name, some in words.fields.items():
         if name == "select":
             # `NO_INPUT` and `ARRIVED` are numbers of no input, so that they claim none here
@@ -188,7 +189,7 @@ def claims_of_inputs(
         elif name == "safe":
             yield name, some, nearest
         elif name == "filter":
-            yield name, some, np.full(len(ids), left)
+            yield name, some, np.where(fewest > left, 0, left)
 
 
 def claims_of_steps(

@@ -19,7 +19,7 @@ from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 from sdhj.certified.check.reading import head_and_arrays
-from sdhj.certified.check.words import Words, claims
+from sdhj.certified.check.words import UNPROVED, Words, claims
 from sdhj.certified.export import FIELDS, images_of, packed_table
 
 
@@ -129,6 +129,25 @@ FORGERIES = {
 @pytest.mark.parametrize("table", [robot, pytest.param(arm, marks=pytest.mark.slow)], ids=["robot", "arm"])
 def test_a_word_that_claims_more_is_refused(tmp_path, table, field):
     assert f"exported: {field}" in failed(table(), forged(table(), field, FORGERIES[field]), tmp_path)
+
+
+@pytest.mark.parametrize("field", ["select", "safe", "filter"])
+def test_an_input_of_a_cell_in_no_set_is_refused(tmp_path, field):
+    """Whatever the table's file says of it: nobody looks at what is not promised, and here all inputs are clear."""
+    robot().save(tmp_path / "table.npz")
+    (tmp_path / "sdhj_table.bin").write_bytes(exported_of(robot()))
+    words = Words(tmp_path / "sdhj_table.bin")
+    unproved = words.fields["steps"] == UNPROVED
+    if field == "select":
+        words.fields[field] = np.where(unproved, 0, words.fields[field])
+    else:
+        words.fields[field] = words.fields[field] | unproved[:, None]
+    cells = sum(int(unproved[ids].sum()) for _, ids in words.ids(0))
+    with head_and_arrays(tmp_path / "table.npz") as (head, arrays):
+        sets = Argument(head, arrays)
+        sets.clear = [one._replace(bits=np.full_like(one.bits, 255)) for one in sets.clear]
+        (claim,) = (one for one in claims(words, sets, False) if one.name == f"exported: {field}")
+    assert claim.failed == cells * (1 if field == "select" else len(words.inputs)) > 0
 
 
 def test_a_word_that_says_to_be_in_the_target_is_refused(tmp_path):
