@@ -385,6 +385,11 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "sliding": (sliding, (40, 4), 2),
     "surge": (surge, (120,), 2),
     "spread": (spread, (200,), 2),
+    "spread and remembered": (
+        lambda: replace(spread(), target=zoo.goal(0.0, 0.6), sensing=sdhj.Sensing(0.05, 0.1)),
+        (200,),
+        2,
+    ),
     "rapids": (rapids, (200,), 2),
     "gusty": (lambda: spread(steep=0.0, bounds=lambda q, u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
     "stream": (stream, (10, 10), 2),
@@ -753,6 +758,18 @@ FORGERIES: dict[str, Forgery] = {
     "a set behind the seam": Forgery("ring", CLEAR, only_clear(2, 123), becomes=lambda: ring(high=9.0)),
     "a set before the seam": Forgery("ring", CLEAR, only_clear(0, 2), becomes=lambda: ring(low=-9.0)),
     "a rock at the end of the way": Forgery("stream", CLEAR, clears(1, 5)),
+    "a rock on its way while a part of the cell is out to the left": Forgery(
+        "out to the left",
+        CLEAR,
+        only_clear(0, 15),
+        becomes=lambda: stream(rock=(-0.73, 0.5, 0.02), pace=13.0, ways=(-1,)),
+    ),
+    "a rock on its way while a part of the cell is out to the right": Forgery(
+        "out to the right",
+        CLEAR,
+        only_clear(0, 85),
+        becomes=lambda: stream(rock=(1.73, 0.5, 0.02), pace=-13.0, ways=(1,)),
+    ),
     "a rock at a safe end": Forgery("stream", CLEAR, only_clear(0, 5), becomes=lambda: stream(rock=(0.05, 0.5, 0.04))),
     "a rock at the upper safe end": Forgery(
         "stream", CLEAR, only_clear(1, 95), becomes=lambda: stream(rock=(0.95, 0.5, 0.04))
@@ -1252,9 +1269,12 @@ def only_from_step_1(told, arrays):
     sets(lambda found: found[: told["steps"] + 1].fill(False))(told, arrays)
 
 
-PROMISED = {  # of cells of which something is promised, so that whoever verifies by default is told
+PROMISED = {  # on which promises rest, so that whoever verifies by default is told
     "a stronger push once step 0 is over": Forgery(
         "crossed", MOVES, only_from_step_1, becomes=lambda: crossed(push=0.3)
+    ),
+    "a move from where nothing is promised, by which a point is carried on": Forgery(
+        "spread and remembered", MOVES, shifts("high", -2)
     ),
     "a post where two steps are to go": Forgery("line", CLEAR, becomes=lambda: line(posts=(-2.1, 3.0))),
 }

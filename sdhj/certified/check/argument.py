@@ -27,8 +27,8 @@ What the file states of the problem is read by `stated`, formulas by `formulas`,
 `intervals`.
 
 What is claimed is what is promised: moves and clear inputs of the cells that some S_k^n with n >= 1 has, without a
-target S_k^1. What the file says of other cells serves who has lost his promise; it is proved with `everywhere`, and
-counted otherwise.
+target S_k^1; moves of all cells where a controller remembers. What the file says else of other cells serves who has
+lost his promise; it is proved with `everywhere`, and counted otherwise.
 """
 
 import math
@@ -870,6 +870,11 @@ class Argument:
             out |= self.bits(k, 1 if one else total - k)  # the largest, as `do_not_grow` says
         return out.reshape(self.counts)
 
+    def moving_on(self, step: int | None) -> Array:
+        """The cells whose moves are claimed: those that are `promised`, but all where a controller remembers."""
+        # the point that it carries on from any cell may lie in one that is promised
+        return np.broadcast_to(np.True_, self.counts) if self.problem.memory else self.promised(step)
+
     def claims(
         self, every: bool = False, samples: int | None = None, seed: int = 0, bar: Bar = silently
     ) -> Iterator[Claim]:
@@ -930,7 +935,8 @@ class Argument:
         """What is said of promised and chosen cells, with what is said in all counted into `found`."""
         out = []
         for one, step in self.said(start, j):
-            promised, others = of_step(step), axes_of(~one.axes)
+            promised = self.moving_on(step) if one.name == MOVES and self.problem.memory else of_step(step)
+            others = axes_of(~one.axes)
             made = one.cells & promised.any(axis=others, keepdims=True)
             asked = one.cells & (promised & chosen).any(axis=others, keepdims=True)
             count = Count(int(made.sum()), int(asked.sum()))
