@@ -19,7 +19,16 @@ from sdhj.certified.arrivals import Arrivals, sites_of
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.dangers import Dangers, dangers_of, kept_together
-from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
+from sdhj.certified.images import (
+    BOXES_OF_A_SET,
+    PIECES_OF_A_CELL,
+    PLACES,
+    SIDES,
+    Images,
+    moves_of,
+    place_axes,
+    prediction_error,
+)
 from sdhj.certified.packing import Changes, Packing
 from sdhj.common.checks import whole
 from sdhj.common.memory import require_memory
@@ -293,7 +302,8 @@ class GeneralProof(Images):
         """The proof whose arrays are in an open file; its arrays are read-only.
 
         What is stated, shapes and types must fit the problem and its cells; the bits of the arrays are not checked, nor
-        that `own` is right (the shapes of the arrays rest on it) and `unsure`, which is not read: the checker does.
+        that `own` is right (the shapes of the arrays rest on it): the checker does. `unsure` has to be the E that a
+        controller counts on, as the checker proves what is stated and not that it is no more.
         """
         if unknown := stated.keys() - {"parts", "own", "unsure", "clear", "arrives"}:
             raise ValueError(
@@ -304,6 +314,8 @@ class GeneralProof(Images):
         # The dangers of this problem in their order, as bits of `clear` have no names.
         if stated["clear"] != [one.entry_in_head for one in kept_together(dangers_of(problem))]:
             raise ValueError(f"unsafe sets must be asked about on their own axes, got {stated['clear']}")
+        if problem.sensing.delay and not np.allclose(stated["unsure"], prediction_error(problem), rtol=1e-9, atol=0.0):
+            raise ValueError(f"predictions must be off by {prediction_error(problem)} at most, got {stated['unsure']}")
         own, clear = np.array(stated["own"], np.bool_), bytes_of_clear(problem, axes)
         (strides, moves), (sites, arrives) = moves_of(problem, axes, own), sites_of(problem, axes, own)
         arrays = read_array(file, "low", "int16", moves), read_array(file, "high", "int16", moves)

@@ -609,9 +609,10 @@ class CertifiedTable(Table):
             )
         proof = PROOFS[cells["kind"]].load(head["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
-        one_for_all = {1, problem.steps + 1} if problem.time_invariant else set()
-        # One set for all steps, N + 1 by steps to go alone, or one for each step and steps to go.
-        index = read_array(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
+        # one set for all steps, or N + 1 by steps to go alone; where something moves, and of arms, one for each (k, n)
+        alike = problem.time_invariant and proof.time_invariant
+        allowed = {1, problem.steps + 1} if alike else {entry(problem.steps, problem.steps, 0) + 1}
+        index = read_array(file, "index", "uint32", (allowed, rows))
         pool = read_array(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if problem.has_no_target and head["details"].get("endless") and len(index) > 1:
             raise ValueError("it says to be for ever, and its sets are for some steps")

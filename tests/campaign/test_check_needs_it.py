@@ -213,6 +213,18 @@ MUTATIONS = {  # the file, what stands there, what stands there instead, the for
         "np.inf",
         "half a shell below a wall",
     ),
+    "nothing behind a layer": (
+        "argument",
+        "(own + low >= 0 if below else True)",
+        "True",
+        "a cell behind the layer at a wall",
+    ),
+    "nothing behind an upper layer": (
+        "argument",
+        "(own + high < self.counts[k] if above else True)",
+        "True",
+        "a cell behind the layer at an upper wall",
+    ),
     "a late end": (
         "argument",
         "self.length = robot.delta + 2 * robot.jitter",

@@ -5,6 +5,7 @@ import tracemalloc
 from dataclasses import replace
 from functools import cache
 
+import forged_robots
 import judge
 import numpy as np
 import pytest
@@ -330,3 +331,23 @@ def test_the_arm(agent, tmp_path):
         with forged(tmp_path / "arm.npz", named=True) as (told, _):
             told["sensing"] |= more
         assert not verify(tmp_path / "arm.npz", samples=100, progress=False).ok
+
+
+def test_a_file_of_larger_errors_than_a_controller_counts_on_is_not_loaded(tmp_path):
+    """It would take what is measured for too far off, and begin anew where nothing is promised."""
+    path = tmp_path / "table.npz"
+    path.write_bytes(forged_robots.file_of("spread and remembered"))
+    assert sdhj.load(path).fraction() > 0.0
+    with forged(path) as (told, _):
+        told["proof"]["unsure"] = [1.001 * off for off in told["proof"]["unsure"]]
+    with pytest.raises(ValueError, match="predictions must be off by"):
+        sdhj.load(path)
+
+
+def test_sets_of_each_step_are_not_loaded_where_nothing_moves(tmp_path):
+    """All steps are asked about as step 0 is, whose sets need not hold those of step 1."""
+    path = forged_robots.FORGERIES["sets of each step where nothing moves"].write(
+        forged_robots.file_of("line"), tmp_path / "table.npz"
+    )
+    with pytest.raises(ValueError, match="its array index"):
+        sdhj.load(path)

@@ -485,6 +485,14 @@ def sets(change: Callable[[FloatArray], Any]) -> Callable[[Told, Any], None]:
     return forge
 
 
+def of_each_step(told: Told, arrays: Any) -> None:
+    """Sets for each step of a robot of which nothing moves: of step 0, as which a run asks all, the last alone."""
+    index, steps = arrays["index"][()], told["steps"]
+    assert len(index) == steps + 1
+    later = [index[: steps + 1 - step] for step in range(1, steps + 1)]
+    put(arrays, index=np.concatenate([np.zeros_like(index[1:]), index[-1:], *later]))
+
+
 def nothing_in_sets(told: Told, arrays: Any) -> None:
     """No set has a cell: what is claimed is of moves, and of which inputs are clear."""
     sets(lambda found: found.fill(False))(told, arrays)
@@ -725,6 +733,8 @@ FORGERIES: dict[str, Forgery] = {
     "a measurement that errs nowhere": Forgery(
         "noisy", MOVES, both(shifts("low", 1, j=1, place=5, axis=1), shifts("high", -1, j=1, place=5, axis=1))
     ),
+    "a cell behind the layer at a wall": Forgery("noisy", MOVES, shifts("low", -1, axis=1, j=0)),
+    "a cell behind the layer at an upper wall": Forgery("noisy", MOVES, shifts("high", 1, axis=1, j=2, place=11)),
     # predictions
     "predictions as near as measurements": Forgery("spread", NEAR, off_by(0.05)),
     "predictions that begin where the state is": Forgery("spread", NEAR, off_by(0.075)),
@@ -1277,5 +1287,6 @@ PROMISED = {  # on which promises rest, so that whoever verifies by default is t
         "spread and remembered", MOVES, shifts("high", -2)
     ),
     "a post where two steps are to go": Forgery("line", CLEAR, becomes=lambda: line(posts=(-2.1, 3.0))),
+    "sets of each step where nothing moves": Forgery("line", "there must be sets for each step", of_each_step),
 }
 FORGERIES |= PROMISED

@@ -334,7 +334,8 @@ class Argument:
         robot, steps, entries = self.problem, self.problem.steps, len(self.index)
         self.alike = entries != (steps + 1) * (steps + 2) // 2  # whatever the step
         moving = robot.timed or any(part.moving for part in robot.parts)
-        fits = not self.alike or (entries in (1, steps + 1) and not moving)
+        # where nothing moves a controller asks the sets of step 0 at all steps
+        fits = entries in (1, steps + 1) and not moving if self.alike else moving
         expect(fits, "there must be sets for each step, or for all alike where nothing moves", self.index.shape)
         endless = dict(head["details"]).get("endless", False)
         expect(isinstance(endless, bool), "endless must be true or false", endless)
@@ -571,6 +572,9 @@ class Argument:
             if any(self.layers[k]):  # a layer has no width, but what is past the wall counts as in it
                 begin = float(lower - self.layers[k][0] * width)
                 first, past = begin + (own + low) * wide - edges[own], begin + (own + high + 1) * wide - edges[own + 1]
+                # nothing is behind a layer, or who remembers would go on beside it and not in it
+                below, above = np.array(self.layers[k]) * self.problem.memory
+                fits &= (own + low >= 0 if below else True) & (own + high < self.counts[k] if above else True)
             if self.problem.periodic[k] and self.known[k]:  # the last cell of a lap may be narrower
                 n, lap = self.counts[k], float((least + most) / 2)
                 first, past = (

@@ -302,7 +302,8 @@ def images_differ(words: Words, sets: Argument) -> Iterator[str]:
 def differences(words: Words, sets: Any, slack: Any, starts: int, leads: int) -> list[str]:
     """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file.
 
-    Of the slack (ndim,) it is asked only that it is not more. starts, leads : steps with words and images of their own.
+    With less slack (ndim,) a state at a wall may be in no layer. starts, leads : steps with words and images of their
+    own.
     """
     robot, axes = sets.problem, [*zip(sets.axes, sets.layers, strict=True)]
     safe = (np.array(robot.ends) == "safe") & ~robot.periodic[:, None]
@@ -323,7 +324,7 @@ def differences(words: Words, sets: Any, slack: Any, starts: int, leads: int) ->
         "steps": (words.steps, robot.steps),
         "starts": (words.starts, starts),
         "delta": (float(words.delta), robot.delta),
-        "slack": (bool((words.slack <= slack * (1 + 1e-12)).all()), True),
+        "slack": (bool((np.abs(words.slack - slack) <= slack * 1e-12).all()), True),
         "error": (words.error.tolist(), robot.error.tolist()),
         "delay": (0.0, robot.delay),
         "problem": (words.problem, robot.head["digest"]),

@@ -242,6 +242,15 @@ def test_layers_are_those_of_the_table(tmp_path):
         assert any("cells and inputs" in said for said in failed(table, signed(data), tmp_path))
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5, 2.0])
+def test_the_slack_is_that_of_the_proof(tmp_path, share):
+    """With none a state at a wall is in no layer, from which alone it may be proved to stay there."""
+    table = forged_robots.solved("standing")
+    data = bytearray(exported_of(table))
+    data[496:544] = (share * np.frombuffer(data, "<f8", 6, 496)).tobytes()
+    assert any("cells and inputs" in said for said in failed(table, signed(data), tmp_path))
+
+
 @pytest.mark.slow
 def test_cells_claimed_elsewhere_are_refused(tmp_path):
     """Cells that begin elsewhere, or are wider; inputs, steps, interval and ends of another robot."""
