@@ -418,7 +418,3 @@ def test_for_ever_is_claimed_by_the_sets_themselves(saved, tmp_path):
         sdhj.load(path, problem=dataclasses.replace(without_target, steps=None))
     with pytest.raises(ValueError, match="for ever"):
         verify(path, progress=False)
-
-
-def test_there_are_as_many_kinds_as_promised():
-    assert len(PROBLEMS) + len(ARMS) + len(SIZES) > 60
