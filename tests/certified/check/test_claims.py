@@ -86,6 +86,38 @@ def test_every_claim_of_other_arms_is_proved(name, tmp_path):
 # ---- planted faults
 
 
+@pytest.fixture(scope="module")
+def still():
+    """A small table of an arm in a scene of which nothing moves."""
+    target = {"radius": 0.09, "path": {"kind": "still", "centre": [0.05, 0.2]}}
+    problem = sdhj.arm_case_study(
+        **(SMALL | {"target": target, "obstacles": [STILL | {"radius": 0.03}], "v_d_max": 0.02, "v_p_max": 0.02})
+    )
+    assert problem.time_invariant
+    return sdhj.solve(problem, sdhj.Certified(cells=(40, 40, 16, 16)), progress=False, play=False)
+
+
+def test_where_nothing_moves_sets_of_step_0_hold_those_of_later_steps(still, tmp_path):
+    """It is asked alone: else what leads into a set of step 1 finds no answer there."""
+    path = write(still, tmp_path / "still.npz")
+    assert verify(path).ok
+    with forged(path) as (_, arrays):
+        none, one, two, *later = arrays["index"]
+        pool = np.concatenate([arrays["pool"], arrays["pool"][two] & ~arrays["pool"][none]])
+        assert pool[-len(two) :].any()
+        rest = np.arange(len(pool) - len(two), len(pool), dtype=np.uint32)
+        arrays |= {"pool": pool, "index": np.stack([0 * none, 0 * one, rest, *later])}
+    failed = {name: claim.failed for name, claim in claims_of(verify(path)).items() if claim.failed}
+    assert failed == {"sets grow with the steps to go": 3}
+
+
+def test_what_is_exported_where_nothing_moves_is_proved(still, tmp_path):
+    """Its words are those of all steps."""
+    path = write(still, tmp_path / "still.npz")
+    sdhj.export_c(still, tmp_path / "c", progress=False)
+    assert verify(path, exported=tmp_path / "c").ok
+
+
 def planted(saved, tmp_path, change):
     """Report on a copy of the file that `change` was let loose on: what it tells, and its arrays."""
     path = tmp_path / "planted.npz"
@@ -288,7 +320,9 @@ def test_cells_that_do_not_cover_are_found(recipe):
 def test_survey_agrees_with_the_twin(rng):
     steps, shape = 2, (4, 3, 5, 6)
     cells, index, pool = naive.sets_of(steps, shape, rng, [0.97] * 3)
-    file = SimpleNamespace(steps=steps, pairs=naive.pairs(steps), counts=np.array(shape), index=index, pool=pool)
+    file = SimpleNamespace(
+        steps=steps, pairs=naive.pairs(steps), counts=np.array(shape), index=index, pool=pool, still=False
+    )
     counts, grow = cells_added(file)
     assert grow.failed == 0
     expected, at = np.zeros_like(counts), 0

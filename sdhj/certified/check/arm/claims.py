@@ -227,6 +227,11 @@ class Arm:
                 wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")
         return wrong
 
+    @property
+    def still(self) -> bool:
+        """Whether nothing depends on time: then a controller asks the sets of step 0 at all steps."""
+        return not (self.problem.timed or any(part.moving for part in self.problem.parts))
+
     @cached_property
     def added(self) -> tuple[Array, Claim]:
         """As `cells_added`."""
@@ -368,5 +373,9 @@ def cells_added(arm: Any) -> tuple[Array, Claim]:
             rows = np.flatnonzero(here != less)
             if (pool[less[rows]] & ~pool[here[rows]]).any():
                 wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
+        first = index[within]  # of step 0, which is asked for that of any where nothing depends on time
+        rows = np.flatnonzero((index[i] != first) & arm.still)
+        if (pool[index[i][rows]] & ~pool[first[rows]]).any():
+            wrong.append(f"start {start}: the set within {within} is not inside that of step 0")
     made = int((arm.pairs[:, 1] > 0).sum())
     return counts, Claim(GROW, made, made, wrong)

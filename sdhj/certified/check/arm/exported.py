@@ -26,7 +26,7 @@ def claims(words: Words, sets: Arm, silent: bool) -> Iterator[Claim]:
     Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
     """
     slack = np.full(len(words.counts), STATE_ERROR)
-    wrong = differences(words, sets, slack, words.steps + 1, int(sets.problem.memory))
+    wrong = differences(words, sets, slack, 1 if sets.still else words.steps + 1, int(sets.problem.memory))
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:
         return
