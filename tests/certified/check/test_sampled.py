@@ -173,7 +173,7 @@ def test_what_was_looked_at_is_in_the_file_and_its_summary(tmp_path):
 def arm(rng):
     """Sets of an arm that grow by chance, and whose last two are larger by a cell alone; one input is clear once."""
     arm, shape = object.__new__(Arm), (9, 8, 6, 7)
-    arm.steps, arm.counts, arm.pairs = 3, np.array(shape), naive.pairs(3)
+    arm.steps, arm.still, arm.counts, arm.pairs = 3, False, np.array(shape), naive.pairs(3)
     arm.cells = naive.sets_of(3, shape, rng, [0.02, 0.02, 0.02, 0.0])[0]
     arm.cells[2] = arm.cells[1]
     arm.cells[3] = arm.cells[1]

@@ -172,6 +172,7 @@ class Arm:
         words).
     allowed : (steps, L, n1, n2), where inputs are said to be clear of the obstacles.
     pairs : (entries, 2), the start and within of each entry of the index.
+    still : whether nothing depends on time; then a controller asks the sets of step 0 at all steps.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: Arrays) -> None:
@@ -180,6 +181,7 @@ class Arm:
         self.scene = Scene(head["recipe"], self.problem)
         expect_recipe(self.problem, self.scene)
         self.steps = self.scene.given["steps"]
+        self.still = not any(part.moving for part in self.problem.parts)
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
         self.read_cells(head["cells"], arrays)
@@ -226,11 +228,6 @@ class Arm:
             if not (fits and (n - 1) * width < least and n * width >= most):
                 wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")
         return wrong
-
-    @property
-    def still(self) -> bool:
-        """Whether nothing depends on time: then a controller asks the sets of step 0 at all steps."""
-        return not (self.problem.timed or any(part.moving for part in self.problem.parts))
 
     @cached_property
     def added(self) -> tuple[Array, Claim]:
