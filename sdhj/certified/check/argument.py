@@ -874,7 +874,7 @@ class Argument:
             out |= self.bits(k, 1 if one else total - k)  # the largest, as `do_not_grow` says
         return out.reshape(self.counts)
 
-    def moving_on(self, step: int | None) -> Array:
+    def moves_claimed(self, step: int | None) -> Array:
         """The cells whose moves are claimed: those that are `promised`, but all where a controller remembers."""
         # the point that it carries on from any cell may lie in one that is promised
         return np.broadcast_to(np.True_, self.counts) if self.problem.memory else self.promised(step)
@@ -939,7 +939,7 @@ class Argument:
         """What is said of promised and chosen cells, with what is said in all counted into `found`."""
         out = []
         for one, step in self.said(start, j):
-            promised = self.moving_on(step) if one.name == MOVES and self.problem.memory else of_step(step)
+            promised = self.moves_claimed(step) if one.name == MOVES and self.problem.memory else of_step(step)
             others = axes_of(~one.axes)
             made = one.cells & promised.any(axis=others, keepdims=True)
             asked = one.cells & (promised & chosen).any(axis=others, keepdims=True)

@@ -107,7 +107,7 @@ def claims_made(sets: Argument) -> int:
     answers = [(sets.low, sets.known), *((one.bits, one.own) for one in sets.clear), (sets.arrives, sets.sites > 0)]
     for array, axes in answers:
         for step in range(len(array)):
-            of_step = sets.moving_on if array is sets.low else sets.promised
+            of_step = sets.moves_claimed if array is sets.low else sets.promised
             asked = of_step(None if len(array) == 1 else step).any(axis=axes_of(~axes)).ravel()
             marks = inputs * asked[:, None]
             out += int(asked.sum()) * robot.count if array is sets.low else bits_of(array[step] & marks)
