@@ -15,11 +15,8 @@ from PIL.PngImagePlugin import PngInfo
 
 WIDTH, COLOURS = 700, 128
 WIDE = {"extra_overview": 1100, "fig10_tubes": 1100}  # at the top of a page
-
-
-ON_NODES = re.compile(
-    r"\bcontext\.(table|run|shares|nodes)\b"
-)  # how a script asks for what is computed on the arm's grid
+# how a script asks for what is computed on the arm's grid
+ON_NODES = re.compile(r"\bcontext\.(table|run|shares|nodes)\b")
 
 
 def shrink(folder: Path, names: Sequence[str] = NAMES, *, nodes: str = "", printed: str = "") -> None:
