@@ -1,7 +1,6 @@
 """Methods are objects: one of a user's own, what is refused, and what the short forms stand for."""
 
-import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import naive
 import numpy as np
@@ -10,7 +9,7 @@ import zoo
 from plain import run_plainly
 
 import sdhj
-from sdhj import HJI, HopfLax, Projected, TargetSet
+from sdhj import HJI, HopfLax, Projected
 from sdhj.problem.samples import Samples
 from sdhj.problem.sets import LARGEST
 from sdhj.solver.joint import Joint
@@ -83,19 +82,10 @@ def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
     assert table.fraction(start=0, within=5) > 2 * table.fraction(start=0, within=0)
 
 
-def test_it_is_the_formula_where_that_is_exact():
-    problem = zoo.ring(rate=0.5)
-    own, lax = (sdhj.solve(problem, method, progress=False) for method in (Shift(), HopfLax("linear")))
-    for start, within in itertools.product(range(6), repeat=2):
-        one, other = (table.values(start=start, within=within) for table in (own, lax))
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5)  # in single precision, of numbers up to 8
-
-
-@pytest.mark.parametrize("rate", [0.0, 0.5])
-@pytest.mark.parametrize("adversary", ["random", "worst", "aggressive"])
-def test_it_is_controlled_and_simulated(adversary, rate):
+@pytest.mark.parametrize("adversary", ["random", "worst"])
+def test_it_is_controlled_and_simulated(adversary):
     """Sets with kinks at nodes, so that interpolation is exact as well: no run may fail."""
-    controller = sdhj.Controller(sdhj.solve(zoo.ring(rate=rate), Shift(), progress=False))
+    controller = sdhj.Controller(sdhj.solve(zoo.ring(rate=0.5), Shift(), progress=False))
     report = sdhj.monte_carlo(controller, 500, adversary, progress=False)
     assert report.counts["reached"] == 500 and report.method == "shift", str(report)
     run = sdhj.simulate(controller, [7.2], adversary)
@@ -133,14 +123,11 @@ class Mute:
     [
         ("magic", "got 'magic'"),
         (["hji"], r"got \['hji'\]"),
-        (60, "got 60"),
         (HJI, "got <class '.*HJI'>"),
-        (sdhj.Scheme(), r"got Scheme\("),
-        (HJI().on, "got <bound method"),
         (Nameless(), "got <.*Nameless object"),
         (Mute(), "got <.*Mute object"),
     ],
-    ids=["unknown", "list", "nothing", "class", "scheme", "function", "nameless", "mute"],
+    ids=["unknown", "list", "class", "nameless", "mute"],
 )
 def test_what_is_no_method_is_refused_with_what_is_one(method, said):
     expected = rf"{', '.join(METHODS)}, .*"
@@ -166,19 +153,6 @@ def test_a_short_form_stands_for_the_object_with_its_usual_options():
         assert method_of(name) == method and method_of(method) is method and method.name == name
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.ProjectionWarning")  # dropping x loses the target, dropping y not
-@pytest.mark.parametrize(("name", "method"), [("hji", HJI()), ("projected", Projected()), ("lax", HopfLax())])
-def test_a_short_form_gives_the_table_of_its_object(name, method):
-    problem = replace(zoo.torus_problem(nodes=9, steps=2), target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.5))
-    short, full = (sdhj.solve(problem, method=given, progress=False) for given in (name, method))
-    assert short.method == full.method == name
-    details = [{key: told for key, told in table.details.items() if key != "seconds"} for table in (short, full)]
-    assert details[0] == details[1]
-    for k, n in itertools.combinations_with_replacement(range(3), 2):
-        np.testing.assert_array_equal(short.values(start=k, within=n - k), full.values(start=k, within=n - k))
-        np.testing.assert_array_equal(short.inputs(start=k, within=n - k), full.inputs(start=k, within=n - k))
-
-
 def test_methods_of_equal_options_are_equal_and_cannot_change():
     assert HJI(sdhj.Scheme(order=3)) == HJI(sdhj.Scheme(order=3)) != HJI()
     assert Projected([[0, 1]]) == Projected(((0, 1),)) != Projected([[0, 2]])
@@ -195,23 +169,15 @@ def test_methods_of_equal_options_are_equal_and_cannot_change():
             lambda: HJI(order=9),
             r"belongs to scheme=sdhj.Scheme\(order=...\), where",
         ),
-        (lambda: HJI(cfl=0.5), r"belongs to scheme=sdhj.Scheme\(cfl=...\)$"),
         (lambda: Projected(order=3), r"to scheme=sdhj.Scheme\(order=...\), in inner=sdhj.HJI\(...\)$"),
         (lambda: HopfLax(order=1), "options are interpolation, dtype$"),
-        (lambda: HJI(interpolation="linear"), "its options are scheme$"),
         (lambda: Projected(scheme=3), r"belongs to inner=sdhj.HJI\(scheme=...\), where"),
         (lambda: sdhj.Certified(cell=[3]), "options are cells, parts"),
-        (lambda: sdhj.Scheme(ordr=3), "order, integrator, cfl, frame"),
     ],
 )
 def test_an_option_that_is_not_there_says_where_it_is(make, says):
     with pytest.raises(TypeError, match=says):
         make()
-
-
-def test_the_options_that_an_error_names_are_taken():
-    assert HJI(scheme=sdhj.Scheme(order=3, cfl=0.5)).scheme.order == 3
-    assert Projected(inner=HJI(scheme=sdhj.Scheme(order=3))).inner.scheme.order == 3
 
 
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])

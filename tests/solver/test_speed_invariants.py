@@ -35,12 +35,11 @@ def arm():
     [
         (arm, {}),
         pytest.param(arm, {"method": sdhj.HJI(Scheme(frame="fixed", order=3))}, marks=pytest.mark.slow),
-        (arm, {"method": "lax"}),
         (arm, {"method": "projected"}),
         (arm, {"method": Joint()}),
         (unicycle_problem, {}),
     ],
-    ids=["default", "fixed, third order", "lax", "projected", "joint", "state-dependent"],
+    ids=["default", "fixed, third order", "projected", "joint", "state-dependent"],
 )
 def test_one_and_two_threads_give_the_same_bits(problem, options):
     tables = []
@@ -56,23 +55,20 @@ def test_one_and_two_threads_give_the_same_bits(problem, options):
     assert np.array_equal(one.avoid.static, two.avoid.static) and np.array_equal(one.avoid.moving, two.avoid.moving)
 
 
-@pytest.mark.parametrize("method", ["hji", "lax"])
-@pytest.mark.parametrize("problem", [lambda: interval_problem(steps=6), lambda: torus_problem(nodes=9, steps=3)])
-def test_shared_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem, method):
+@pytest.mark.parametrize(
+    ("problem", "method", "most"),
+    [(lambda: interval_problem(steps=6), "lax", 7), (lambda: torus_problem(nodes=9, steps=3), "hji", 10)],
+)
+def test_shared_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem, method, most):
     """Where nothing depends on time, and where a tube has stopped growing: the same tubes as one by one."""
     table = sdhj.solve(problem(), method=method)
     monkeypatch.setattr(sdhj.ReachAvoidProblem, "time_invariant", False)
     monkeypatch.setattr(recursion.GridSets, "unchanged", lambda self, step, within: False)
     computed = sdhj.solve(problem(), method=method)
-    assert len(table.tubes) <= len(computed.tubes) == len(computed.index)
+    assert len(table.tubes) <= most <= len(computed.tubes) == len(computed.index)
     for start, within in entries(table.steps).tolist():
         assert np.array_equal(table.value_array(start, within), computed.value_array(start, within))
         assert np.array_equal(table.mark_array(start, within), computed.mark_array(start, within))
-
-
-def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
-    table = sdhj.solve(interval_problem(steps=6))
-    assert len(table.tubes) <= 7 and len(table.index) == 28
 
 
 def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores_are_looked_at, tmp_path):
