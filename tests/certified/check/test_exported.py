@@ -166,6 +166,21 @@ def test_inputs_that_are_forbidden_somewhere(tmp_path, field):
     assert failed(table, signed(data), tmp_path) == {f"exported: {field}"}
 
 
+@pytest.mark.parametrize("name", ["tide", "drifting"])
+def test_words_are_those_of_their_step(tmp_path, name):
+    """Where something moves: what is exported is proved, and refused where the words of two steps change places."""
+    table = forged_robots.solved(name)
+    data = bytearray(packed_table(table, FIELDS, "deepest", 0, False))
+    assert failed(table, bytes(data), tmp_path) == set()
+    record, words, _, width = struct.unpack_from("<4I", data, 16 + 32)
+    inputs, components = struct.unpack_from("<2I", data, 16 + 8)
+    begin = 560 + sum(-(-size // 8) * 8 for size in (words * record, inputs * components * 8, inputs * 2))
+    blocks = math.prod(Words(tmp_path / "sdhj_table.bin").blocks.tolist()) * width
+    first, second = (slice(begin + step * blocks, begin + (step + 1) * blocks) for step in (0, 1))
+    data[first], data[second] = data[second], data[first]
+    assert failed(table, signed(data), tmp_path) >= {"exported: safe", "exported: filter"}
+
+
 @pytest.mark.slow
 def test_what_is_exported_of_an_arm_is_proved(tmp_path):
     assert failed(arm(), exported_of(arm()), tmp_path) == set()
