@@ -353,6 +353,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "crossed": (crossed, (80,), 2),
     "sensed": (sensed, (160,), 2),
     "held": (lambda: sensed(push=0.1), (160,), 2),
+    "sensed in the target": (lambda: sensed(begin=1.5, jitter=0.08), (160,), 2),
     "remembered": (lambda: sensed(memory=True), (160,), 2),
     "calming": (calming, (160,), 2),
     "nearer": (nearer, (80,), 1),
@@ -806,6 +807,9 @@ FORGERIES: dict[str, Forgery] = {
     "a goal of another time": Forgery("tide", GOAL, lambda told, arrays: goals_of_step_0(told, arrays)),
     "a goal beside an error": Forgery("sensed", GOAL, a_cell_more(0)),
     "a goal beside an uncertain clock": Forgery("sensed", GOAL, lambda told, arrays: goal_by_the_post(told, arrays)),
+    "a goal behind an uncertain clock": Forgery(
+        "sensed in the target", GOAL, lambda told, arrays: goal_by_the_post(told, arrays, -1)
+    ),
     "a set that loses a cell": Forgery("line", GROW, sets(lambda found: found[2].put(first_beside(found, 1) + 1, 0))),
     "a set that wins a cell": Forgery(
         "cart", GROW, sets(lambda found: found[0].__setitem__(tuple(np.argwhere(found[1])[0]), False))
@@ -874,11 +878,11 @@ FORGERIES: dict[str, Forgery] = {
 }
 
 
-def goal_by_the_post(told: Told, arrays: Any) -> None:
-    """The cell of S_2^0 that is next to where the post may be, in S_2^1, too."""
+def goal_by_the_post(told: Told, arrays: Any, side: int = 0) -> None:
+    """The cell of S_2^0 that is next to where the post may be, or may have been (-1), in S_2^1, too."""
 
     def change(found: FloatArray) -> None:
-        gap = np.flatnonzero(~found[7] & found[0])[0]
+        gap = np.flatnonzero(~found[7] & found[0])[side]
         found[7:9, gap] = True
 
     sets(change)(told, arrays)
