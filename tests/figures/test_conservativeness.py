@@ -6,9 +6,8 @@ import naive_projections as naive
 import numpy as np
 import pytest
 import zoo
-from extra_conservativeness import compare, distance_to, hausdorff
-from hypothesis import given
-from hypothesis import strategies as st
+from extra_conservativeness import compare, hausdorff
+from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 
 import sdhj
@@ -18,6 +17,7 @@ from sdhj.common.remembering import read_only
 TORUS = Grid([0.0, -1.0], [1.0, 1.0], [5, 6], [True, False])
 
 
+@settings(max_examples=30)
 @given(a=arrays(bool, (5, 6)), b=arrays(bool, (5, 6)))
 def test_hausdorff_is_the_twin_on_a_partly_periodic_grid(a, b):
     found = hausdorff(TORUS, a, b)
@@ -29,25 +29,10 @@ def test_hausdorff_is_the_twin_on_a_partly_periodic_grid(a, b):
         assert found == (0.0 if a.any() == b.any() else np.inf)
 
 
-@given(shift=st.integers(0, 4))
-def test_distances_wrap_round_a_periodic_axis(shift):
-    """From one node of a ring of 5 the others are 1, 2, 2, 1 spacings away, wherever it is."""
-    inside = np.zeros((5, 6), dtype=bool)
-    inside[shift, 0] = True
-    expected = np.roll([0.0, 0.2, 0.4, 0.4, 0.2], shift)
-    np.testing.assert_allclose(distance_to(TORUS, inside)[:, 0], expected, atol=1e-12)
-
-
 @pytest.fixture(scope="module")
 def tables():
     problem = sdhj.arm_case_study(nodes=9, steps=2)
     return [sdhj.solve(problem, method=method, progress=False) for method in ("hji", "projected")]
-
-
-def test_a_table_compared_with_itself_is_the_same(tables):
-    for row in compare(tables[0], tables[0], [{"px": -0.18, "py": 0.0}, {"px": 0.18}]):
-        assert (row.ratio, row.outside, row.depth) == (1.0, 0.0, 0.0)
-        assert row.hausdorff == (0.0, 0.0)
 
 
 def test_the_rows_are_the_volumes_of_the_tables(tables):

@@ -5,22 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import zoo
-from artists import axes, named
-from charts import draw_bars, draw_fractions, draw_sweep
 from experiments import clearances, mean_interval, starts_outside
 from extra_adversary import least_disturbance, sweep_adversary
-from extra_conservativeness import draw_entries
 from extra_evader import evading_target
-from extra_input_levels import LevelSweep, draw_input_levels, sweep_input_levels
-from extra_rules import compare_rules, draw_rules
-from extra_sensing import Promise, car, draw_promises, largest, limits, promised, sweep_sensing
-from extra_view_time import WORKSPACES, ViewTimeOutcome, compare_view_times, draw_view_times
-from matplotlib.container import BarContainer
+from extra_input_levels import sweep_input_levels
+from extra_rules import compare_rules
+from extra_sensing import Promise, car, largest, limits, promised, sweep_sensing
+from extra_view_time import compare_view_times
 
 import sdhj
 from sdhj.arm.workspace import Disk, Still
-from sdhj.problem.sets import VIEW_TIMES
-from sdhj.simulation.runs import score_interval, simulate
+from sdhj.simulation.runs import simulate
 
 
 @pytest.mark.slow
@@ -49,11 +44,6 @@ def test_the_disturbance_that_leaves_nothing_by_hand():
         pushes = [np.linalg.norm(tip(q + 1e-6 * np.array(s)) - tip(q - 1e-6 * np.array(s))) / 2e-6 for s in signs]
         least.append(0.06 / (0.1 * max(pushes)))
     assert least_disturbance(problem) == pytest.approx(max(least), rel=1e-6) == pytest.approx(1.87, abs=0.005)
-
-
-def test_extinction_is_no_reason_to_warn_when_sweeping_projections(recwarn):
-    sweep = sweep_adversary("v_d_max", (5.0,), "projected", nodes=9, steps=1)
-    assert sweep.won == (0.0,) and not recwarn.list
 
 
 @pytest.mark.slow
@@ -106,38 +96,6 @@ def test_intervals_of_means_are_1_96_standard_errors():
     assert np.isnan(mean_interval([1.0])).all()
 
 
-def test_rates_have_wilsons_intervals():
-    """Wilson's for 2 of 10 by the formula, and for none: 0 to z^2 / (n + z^2)."""
-    z, n, p = 1.959964, 10, 0.2
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    expected = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
-    assert score_interval(2, 10) == pytest.approx(expected, rel=1e-6)
-    assert score_interval(0, 10) == pytest.approx((0.0, z * z / (10 + z * z)), rel=1e-6)
-    axs = axes(ncols=2)
-    outcomes = [ViewTimeOutcome(name, 0.3, 10, 2, 0.0) for name in VIEW_TIMES]
-    draw_view_times(axs, dict.fromkeys(WORKSPACES, outcomes))
-    bars = [container for container in axs[1].containers if isinstance(container, BarContainer)]
-    assert len(bars) == len(WORKSPACES) == 2
-    for some in bars:
-        ends = np.array([stroke[:, 1] for stroke in some.errorbar[2][0].get_segments()])
-        np.testing.assert_allclose(ends, np.tile(100 * np.array(expected), (3, 1)), rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_rules_are_drawn_with_their_intervals(compared):
-    axs = axes(ncols=3)
-    draw_rules(axs, compared)
-    (bars,) = (container for container in axs[2].containers if isinstance(container, BarContainer))
-    good = np.logical_and.reduce([outcome.arrived for outcome in compared])
-    times = np.full((len(compared), len(good)), np.nan)
-    for row, outcome in zip(times, compared, strict=True):
-        row[outcome.arrived] = outcome.time
-    changed = (times[1:] - times[0])[:, good]
-    assert good.sum() > 50 and [bar.get_height() for bar in bars] == pytest.approx(changed.mean(axis=1))
-    ends = [stroke[:, 1] for stroke in bars.errorbar[2][0].get_segments()]
-    np.testing.assert_allclose(ends, [mean_interval(values) for values in changed])
-
-
 @pytest.mark.slow
 def test_sampled_obstacles_let_collisions_through():
     """A thin obstacle at 20 m/s: the gaps between 20 samples are wider than the arm, and runs end in them."""
@@ -175,33 +133,6 @@ def test_nothing_to_simulate_is_an_error():
         compare_rules(hopeless, 2)
 
 
-def test_curves_bars_and_entries():
-    ax = axes()
-    draw_sweep(ax, [0.1, 0.2], {"hji": [0.4, 0.0], "projected": [0.3, 0.0]}, xlabel="bound", nominal=0.2)
-    assert named(ax, "sweep-hji")[0].get_ydata().tolist() == [0.4, 0.0]
-    gain, cost = axes(ncols=2)
-    seconds = {"paper's scheme": (0.9, 2.5, 4.9), "default": (0.1, 0.2, 0.3)}
-    draw_input_levels((gain, cost), LevelSweep((3, 5, 7), (9, 25, 49), (0.3, 0.4, 0.42), seconds))
-    assert named(cost, "levels-paper's scheme")[0].get_xydata().tolist() == [[9, 0.9], [25, 2.5], [49, 4.9]]
-    assert len(cost.lines) == 2 and gain.get_ylim()[0] == cost.get_ylim()[0] == 0.0
-    ax = axes()
-    draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0], "y": [3.0, 4.0]}, ylabel="metres")
-    assert [bar.get_height() for container in ax.containers for bar in container] == [1, 2, 3, 4]
-    ax = axes()
-    draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0]}, ylabel="metres", intervals={"x": [(0.5, 1.25), (1.5, 3.0)]})
-    (bars,) = (container.errorbar for container in ax.containers if isinstance(container, BarContainer))
-    assert [stroke[:, 1].tolist() for stroke in bars[2][0].get_segments()] == [[0.5, 1.25], [1.5, 3.0]]
-    ax = axes()
-    triangle = np.where(np.add.outer(range(3), range(3)) <= 2, 0.5, np.nan)
-    triangle[0, 0] = np.inf
-    draw_entries(ax, triangle, "kept", least=0.4)
-    assert ax.images[0].get_clim() == (0.4, 0.5) and len(ax.figure.axes) == 2  # the bar of the colours
-    assert [text.get_text() for text in ax.texts] == [r"$\infty$", *["0.50"] * 5]
-    ax = axes()
-    draw_fractions(ax, {"hji": [0.0, 0.1], "lax": [0.0, 0.2]})
-    assert named(ax, "fraction-lax")[0].get_ydata().tolist() == [0.0, 0.2]
-
-
 @pytest.fixture(scope="module")
 def small_car():
     return replace(car(), grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], [False, False, True]), steps=2)
@@ -235,10 +166,3 @@ def test_what_leaves_anything_is_found_by_halving(small_car):
     assert promised(small_car, "hji", "error", less).share > 0  # at `low` what is left lies between nodes
     with pytest.raises(ValueError, match=r"delay \+ 2 jitter"):
         promised(small_car, "hji", "delay", 1.0)
-
-
-def test_promises_are_drawn_by_robot_and_method():
-    ax = axes()
-    draw_promises(ax, "car", (0.0, 0.1), {"hji": [Promise(0.3, 0.1), Promise(0.2, 0.1)]})
-    (line,) = named(ax, "car-hji")
-    assert line.get_ydata().tolist() == [0.3, 0.2] and line.get_label() == "car, full"

@@ -3,7 +3,6 @@
 import csv
 from pathlib import Path
 
-import common
 import pytest
 import reproduce
 from click.testing import CliRunner
@@ -11,24 +10,6 @@ from click.testing import CliRunner
 
 def run(*arguments: object):
     return CliRunner().invoke(reproduce.main, [str(a) for a in arguments])
-
-
-@pytest.mark.slow  # the main job does the same
-def test_results_are_written_and_all_figures_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The figures themselves are tested on their own."""
-    asked = []
-    monkeypatch.setattr(reproduce, "write_all", lambda *given: asked.append(given))
-    done = run("--nodes", 9, "--runs", 50, "--out", tmp_path)
-    assert done.exit_code == 0, done.output
-    rows = list(csv.DictReader((tmp_path / "results.csv").open()))
-    assert [row["method"] for row in rows] == ["hji", "projected", "lax"]
-    lines = (tmp_path / "results.md").read_text().splitlines()
-    assert lines[2].split(" | ")[1:] == [*list(rows[0].values())[1:-1], f"{rows[0]['failures, worst']} |"]
-    assert "each adversary, seed 0" in lines[-1]
-    ((context, out, names),) = asked
-    assert out == tmp_path and sorted([*names, reproduce.BESIDE]) == sorted(common.of_main_job())
-    monkeypatch.setattr(common.sdhj, "solve", pytest.fail)
-    assert [context.table(method).method for method in ("hji", "projected", "lax")] == ["hji", "projected", "lax"]
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,10 @@
-"""Isosurfaces: closed, oriented, of second order; and drawn from a table."""
+"""Isosurfaces: closed, oriented, of second order."""
 
 import numpy as np
 import pytest
 import surfaces
-import zoo
 
 import sdhj
-from sdhj import plotting
-
-THROUGH = (0.0, 0.0, 0.2, 0.2)
-
-
-@pytest.fixture(scope="module")
-def table() -> sdhj.LookupTable:
-    return zoo.small_arm_table()
 
 
 def ball(nodes: int, radius: float = 0.61) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -47,16 +38,9 @@ def test_isosurface_of_a_ball():
         area = np.linalg.norm(surfaces.normals(triangles), axis=1).sum() / 2
         assert area == pytest.approx(4 * np.pi * 0.61**2, rel=0.05)
         errors.append(abs(volume(triangles) - 4 / 3 * np.pi * 0.61**3))
+        counts = edges_of(triangles)
+        assert (counts[:, 0] == counts[:, 1]).all()  # every edge is passed once each way
     assert errors[1] < errors[0] / 3  # second order: a quarter
-
-
-def test_isosurface_is_closed_and_oriented():
-    counts = edges_of(surfaces.isosurface(*ball(9)))
-    assert (counts[:, 0] == counts[:, 1]).all()  # every edge is passed once each way
-
-
-def test_isosurface_of_nothing():
-    assert surfaces.isosurface(np.ones((3, 3, 3)), [np.arange(3.0)] * 3).shape == (0, 3, 3)
 
 
 def test_a_block_closes_what_leaves_it():
@@ -66,15 +50,3 @@ def test_a_block_closes_what_leaves_it():
     assert volume(triangles) == pytest.approx(0.5, abs=5 * surfaces.CAP)
     counts = edges_of(triangles)
     assert (counts[:, 0] == counts[:, 1]).all()
-
-
-def test_draw_isosurface(table):
-    figure = plotting.new_figure(4, 4, layout="none")
-    ax = figure.add_subplot(projection="3d")
-    surfaces.draw_isosurface(ax, table, through=THROUGH, within=3)
-    (surface,) = [c for c in ax.collections if c.get_gid() == "surface"]
-    assert len(surface.get_facecolor()) > 100
-    assert ax.get_zlabel() == "$p_x$ (m)"
-    empty = figure.add_subplot(projection="3d")
-    surfaces.draw_isosurface(empty, table, through=THROUGH, start=3, within=0, axes=(2, 3, 0))
-    assert len(empty.collections) <= 1

@@ -5,7 +5,6 @@ their boundary, so a small share of the runs from everywhere inside may be lost;
 problem is about matters is seen by a table that knows nothing of it, which loses far more.
 """
 
-import re
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise, product
@@ -214,7 +213,7 @@ def test_the_geometry_is_the_problems(name, rng):
             np.testing.assert_allclose(ours, theirs, atol=1e-5)  # points along the forearm
 
 
-@pytest.mark.slow  # of the ring alone the page is looked at below, each time
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WORKED)
 def test_few_runs_are_lost_and_many_where_nothing_is_known_of_it(name, rng):
     shares = {}
@@ -228,51 +227,23 @@ def test_few_runs_are_lost_and_many_where_nothing_is_known_of_it(name, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "runs"),
-    [("ring", 500), *(pytest.param(name, RUNS, marks=pytest.mark.slow) for name in WORKED)],
-)
-def test_the_page_says_what_there_is(name, runs):
-    """Its rows are what the script prints: shares to the last digit, runs lost but for another processor's rounding.
-
-    Of fewer runs than the script plays, four standard deviations more.
-    """
+@pytest.mark.parametrize("name", WORKED)
+def test_the_page_says_what_there_is(name):
+    """Its rows are what the script prints: shares to the last digit, runs lost but for another processor's rounding."""
     page = (ROOT / "notebooks" / "site" / "worked.md").read_text(encoding="utf-8")
     (said,) = (line for line in page.splitlines() if line.startswith(f"| {name} |"))
-    said, found = (line.strip("| ").split(" | ") for line in (said, row(name, solved(name), solved(name, True), runs)))
+    said, found = (line.strip("| ").split(" | ") for line in (said, row(name, solved(name), solved(name, True), RUNS)))
     print(found)
     for told, seen in zip(said, found, strict=True):
         if told.endswith("%"):
-            share = float(told[:-1])
-            chance = 0.0 if runs == RUNS else 4 * np.sqrt(share * (100 - share) / runs) + 100 / runs
-            assert share == pytest.approx(float(seen[:-1]), rel=0.05, abs=0.05 + chance)
+            assert float(told[:-1]) == pytest.approx(float(seen[:-1]), rel=0.05, abs=0.05)
         else:
             assert told == seen
-
-
-@pytest.mark.slow
-def test_the_program_of_the_page_runs(capsys):
-    page = (ROOT / "notebooks" / "site" / "worked.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
-    assert "runs=10_000" in code
-    exec(code.replace("runs=10_000", "runs=300"), {})
-    assert "300 runs" in capsys.readouterr().out
 
 
 # A distance changes no faster than the nearest point of the bar moves: not faster than the bar's middle, of which
 # |d/dt (a sin wt, b sin 2wt)| <= hypot(a w, 2 b w), and |turn| times the distance of a corner from the middle.
 BAR_SPEED = PACE * np.hypot(AMPLITUDE[0], 2 * AMPLITUDE[1]) + SPIN * np.hypot(*BAR)  # m/s
-
-
-@pytest.mark.slow
-def test_the_bar_is_no_faster_than_it_should_be():
-    problem = WORKED["bar"].problem(23)
-    points, times = problem.grid.points(), np.linspace(0.0, 4.0, 801)
-    fastest = max(
-        np.abs(polygon(points, later) - polygon(points, before)).max() / (later - before)
-        for before, later in pairwise(times.tolist())
-    )
-    assert 0.7 * BAR_SPEED < fastest < BAR_SPEED
 
 
 def test_what_the_bar_sweeps_is_never_too_small():

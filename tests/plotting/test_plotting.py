@@ -117,10 +117,11 @@ def test_tubes_are_nested_and_follow_the_sliders(table):
     assert np.array_equal(vertices(few, "tube-1"), vertices(expected, "set"))
 
 
-@pytest.mark.parametrize("px", [-0.36, 0.36])
-@pytest.mark.parametrize("py", [-0.36, 0.36])
-@pytest.mark.parametrize(("start", "within"), [(0, 0), (0, 3), (3, 0), (2, 99)])
-def test_tubes_at_the_corners_of_the_sliders(table, px, py, start, within):
+@pytest.mark.parametrize(
+    ("start", "within", "px", "py"),
+    [(0, 0, -0.36, -0.36), (0, 3, -0.36, 0.36), (3, 0, 0.36, -0.36), (2, 99, 0.36, 0.36)],
+)
+def test_tubes_at_the_corners_of_the_sliders(table, start, within, px, py):
     ax = axes()
     slices.draw_tubes(ax, table, through=(0, 0, px, py), start=start, within=within)
     drawn = {artist.get_gid() for artist in ax.get_children()} - {None}
@@ -228,6 +229,15 @@ def test_a_run_of_any_robot_on_any_slice():
     assert named(ax, "tube") and ax.get_xlabel() == "theta"
     (marks,) = named(ax, "marks")
     assert len(marks.get_xdata()) == len(run.samples) > 1
+
+
+def test_the_targets_of_a_run_are_where_they_are_when_it_begins_and_ends(table, run):
+    ax = axes()
+    trajectories.draw_run(ax, table, run)
+    for name, t in (("target", 0.0), ("target-then", run.times[-1])):
+        edge = vertices(ax, f"{name}-edge")
+        states = np.column_stack([edge, np.tile(run.states[0, 2:], (len(edge), 1))])
+        assert np.abs(table.problem.target_value(states, t)).max() < 0.15 * (2 * np.pi / 120) ** 2, name
 
 
 def test_a_run_that_begins_in_the_target_is_a_point_in_it():

@@ -22,6 +22,7 @@ def printed(*arguments: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in done.stdout.splitlines()[2:]]
 
 
+@pytest.mark.slow
 def test_the_checker_counts_what_it_checks(monkeypatch):
     row = costs.TABLES["verified"][0]
     monkeypatch.setitem(costs.TABLES, "verified", [row._replace(method=costs.cells(40, 40))])
@@ -40,14 +41,6 @@ def test_three_ways_solve_the_same_and_leave_nothing(tmp_path, monkeypatch):
     assert {row[0] for row in rows} == {"case study, 9 x 9 x 9 x 9"} and {row[2] for row in rows} == {f"{share:.3f}"}
     bare, *kept = [row[6] for row in rows]
     assert bare == "" and all(float(size) > 0.01 for size in kept) and not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_of_each_way_the_fewest_seconds_are_told_in_turn(monkeypatch):
-    clock = iter([0.0, 9.0, 10.0, 19.0, 20.0, 22.0, 30.0, 33.0])
-    row = costs.Row("rail", fleet.rail().problem, costs.cells(40, 40), ways=(costs.in_memory, costs.saved))
-    first, second = costs.lines(row, 2, clock=lambda: next(clock))
-    assert "| 2.0 |  |" in first and "| 3.0 | 1.50 |" in second
 
 
 @pytest.mark.slow
@@ -96,14 +89,6 @@ def test_the_maze_is_played_and_drawn(tmp_path):
     done = CliRunner().invoke(costs.main, ["maze", "--repeats", "1", "-o", str(tmp_path / "maze.png")])
     assert done.exit_code == 0, done.output
     assert "of 2,000 runs 2,000 reached" in done.stdout and (tmp_path / "maze.png").stat().st_size > 10_000
-
-
-def test_a_folder_counts_its_files(tmp_path):
-    (tmp_path / "in").mkdir()
-    (tmp_path / "in" / "one").write_bytes(b"123")
-    with open(tmp_path / "two", "wb") as two:
-        two.truncate(10**8)  # of which nothing is written
-    assert 3 <= costs.on_disk(tmp_path) < 10**6
 
 
 def test_what_cannot_be_asked_for_is_refused(tmp_path):

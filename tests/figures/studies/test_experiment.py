@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import sdhj
-
 if importlib.util.find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)
 
@@ -26,7 +24,6 @@ from experiment import (
     MASS,
     PIECE,
     REACHED,
-    REST,
     SENSING,
     STEP,
     Loop,
@@ -101,15 +98,6 @@ def test_the_error_is_that_of_a_change_of_speed() -> None:
 
 
 @pytest.mark.slow
-def test_counts_of_the_encoder_change_little(monkeypatch) -> None:
-    plant = Plant(arm(2.0), evidence().motors)
-    noisy = recorded(plant, 100, np.random.default_rng(1)).max(axis=0)
-    monkeypatch.setattr(experiment, "COUNTS", 1e12)
-    calm = recorded(plant, 100, np.random.default_rng(1)).max(axis=0)
-    assert 0 < np.abs(noisy - calm).max() < 1.5e-3
-
-
-@pytest.mark.slow
 def test_gains_have_the_least_lever_and_e_is_of_other_records() -> None:
     found = evidence()
     assert len(gains(4.0)) == 18 and found.motors in gains(4.0)
@@ -171,16 +159,6 @@ def test_controls_lose_and_their_reasons_explain_it() -> None:
     assert blind.played.count(LEFT) > 50 and exact.played.lost == 0
     assert weak.played.lost > 20 and weak.played.count(COLLIDED) > 0 and strong.played.lost == 0
     assert half.played.exceeded > 0 and half.share > table().fraction(start=0, within=8)
-
-
-@pytest.mark.slow
-def test_a_table_without_sensing_stays_without_an_answer() -> None:
-    """Control (a) at its least: it is told where it will be, but not that it will be elsewhere."""
-    blind = certified(grown(2.0, evidence().error, replace(SENSING, error=0.0, delay=0.0)), (63, 63, 24, 24))
-    told = {"error": evidence().error, "progress": False}
-    lost = play(blind, evidence().motors, 200, **told).lost
-    assert lost > 10
-    assert play(blind, evidence().motors, 200, **told, sensing=sdhj.Sensing(rest=REST)).lost == 0
 
 
 @pytest.mark.slow

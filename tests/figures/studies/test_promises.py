@@ -2,15 +2,14 @@
 
 import csv
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fleet import FLEET, WIND, Hazard, Robot, many_inputs, wind_at
+from fleet import FLEET, Hazard, Robot, many_inputs
 from judge import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
-from promises import HEAD, MARK, ROBOTS, Row, bounds, heading, into_page, main, methods, rows
+from promises import HEAD, MARK, ROBOTS, bounds, heading, main, methods, rows
 
 PAGE = Path(__file__).parents[3] / "notebooks" / "site" / "numbers.md"
 BRAKE, PUSH = 1.0, 0.2  # m/s^2, of `fleet.double_integrator`
@@ -198,23 +197,6 @@ def test_a_problem_is_built_of_what_the_judge_knows(name, rng):
     )
 
 
-@pytest.mark.slow
-def test_which_sets_move_is_read_from_them():
-    moving = {name: [part.name for part in build().unsafe if part.moving] for name, build in ROBOTS.items()}
-    moves = {"forklift": ["gate"], "merging": ["car behind", "car in front"]}
-    assert {name: parts for name, parts in moving.items() if parts} == moves
-
-
-def test_the_wind_is_what_stations_measured_and_bilinear_between(rng):
-    points = rng.uniform([-0.2, -0.2], [4.2, 3.2], (200, 2))
-    for point, wind in zip(points, wind_at(points), strict=True):
-        x, y = (min(max(coordinate / 0.5, 0.0), last) for coordinate, last in zip(point, (8.0, 6.0), strict=True))
-        i, j, expected = min(int(x), 7), min(int(y), 5), np.zeros(2)
-        for a, b in product((0, 1), repeat=2):
-            expected += (1 - abs(x - i - a)) * (1 - abs(y - j - b)) * WIND[i + a, j + b]
-        np.testing.assert_allclose(wind, expected, atol=1e-12)
-
-
 # ---- the table
 
 
@@ -237,12 +219,6 @@ def test_the_command_writes_its_table(tmp_path):
     with open(tmp_path / "promises.csv", encoding="utf-8") as file:
         found = list(csv.DictReader(file))
     assert [row["runs"] for row in found] == ["120", "120"] and float(found[0]["solved"]) > 0
-
-
-def test_a_row_says_what_it_counts():
-    row = str(Row("rail", "81 x 81", "hji", 0.5, 12_000, 12, 3, "collided 12 (to worst 12)", 1.0, 2.0))
-    told = "50.0% | hji | 12,000 | 12 | 0.052% to 0.175% | 3 | collided 12 (to worst 12) |"
-    assert row == f"| rail | 81 x 81 | {told}" and row.count("|") == len(HEAD) + 1
 
 
 def told():
@@ -278,17 +254,6 @@ def test_the_page_has_a_row_for_each_robot_and_method():
             assert lost == 0
 
 
-def test_a_page_keeps_what_stands_around_the_table(tmp_path):
-    page, found = tmp_path / "page.md", [Row("rail", "81 x 81", "hji", 0.5, 12, 0, 0, "none", 1.0, 2.0)]
-    page.write_text(f"above\n\n{MARK}\n\nbelow\n", encoding="utf-8")
-    for _ in range(2):
-        into_page(found, page)
-        assert page.read_text(encoding="utf-8") == f"above\n\n{MARK}\n{chr(10).join(heading())}\n{found[0]}\n\nbelow\n"
-    page.write_text("no mark", encoding="utf-8")
-    with pytest.raises(ValueError, match="must have the line"):
-        into_page(found, page)
-
-
 DOUBT = 1e-4  # of each of the two bounds below
 
 
@@ -309,13 +274,6 @@ def allowed(share, seen, again):
     true = above[seen * divergence(share, above) <= -np.log(DOUBT)].max(initial=share)
     above = rates[rates >= true]
     return above[again * divergence(above, true) <= -np.log(DOUBT)].max(initial=true)
-
-
-def test_what_is_allowed_follows_from_what_was_seen(rng):
-    assert allowed(0.0, 10**9, 10**9) < 1e-4 and allowed(0.5, 10**9, 10**9) < 0.501
-    assert allowed(0.01, 2000, 100) < 0.2
-    seen, again = rng.binomial(2000, 0.03, 3000) / 2000, rng.binomial(100, 0.03, 3000) / 100
-    assert all(few <= allowed(many, 2000, 100) for many, few in zip(seen[:50], again[:50], strict=True))
 
 
 @pytest.mark.slow

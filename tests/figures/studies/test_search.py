@@ -116,7 +116,7 @@ def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_each_generation_is_no_worse() -> None:
     controller = Controller(torus_table())
-    starts = simulation.admissible_states(controller, 50, np.random.default_rng(0))
+    starts = simulation.admissible_states(controller, 20, np.random.default_rng(0))
     least = [
         search_losing(controller, starts, population=8, generations=n, progress=False).clearance for n in (1, 2, 6)
     ]
