@@ -355,7 +355,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "held": (lambda: sensed(push=0.1), (160,), 2),
     "sensed in the target": (lambda: sensed(begin=1.5, jitter=0.08), (160,), 2),
     "remembered": (lambda: sensed(memory=True), (160,), 2),
-    "calming": (calming, (160,), 2),
+    "calming": (calming, (160,), 1),
     "nearer": (nearer, (80,), 1),
     "aimed": (aimed, (80,), 1),
     "slit": (slit, (80,), 1),
@@ -377,8 +377,8 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "growing": (growing, (40,), 1),
     "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
     "growing slowly": (lambda: growing(rate=0.5), (40,), 1),
-    "tide": (tide, (120,), 2),
-    "tide at a quay": (lambda: tide(pace=0.0), (120,), 2),
+    "tide": (tide, (120,), 1),
+    "tide at a quay": (lambda: tide(pace=0.0), (60,), 1),
     "blown": (blown, (160,), 2),
     "pushed": (pushed, (80,), 1),
     "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1, memory=False)), (80,), 1),
@@ -391,7 +391,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
         (200,),
         2,
     ),
-    "rapids": (rapids, (200,), 2),
+    "rapids": (rapids, (100,), 1),
     "gusty": (lambda: spread(steep=0.0, bounds=lambda q, u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
     "stream": (stream, (10, 10), 2),
     "rock at the lower end": (lambda: stream(rock=(0.02, 0.5, 0.02)), (10, 10), 2),
@@ -403,37 +403,33 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "beside a post": (lambda: line(posts=(-1.5, 3.0)), (80,), 1),
     "past the seam": (past_the_seam, (125,), 2),
     "before the seam": (lambda: ring(low=-9.0), (125,), 2),
-    "cornered": (cornered, (30, 30), 3),
+    "cornered": (cornered, (20, 20), 2),
     "pursued": (pursued, (8, 16, 24), 2),
     "pursued where it must not go up": (lambda: pursued(height=0.5, forbids=[2]), (8, 16, 24), 2),
     "pursued without a target": (lambda: replace(pursued(end="wall"), target=None), (8, 16, 24), 2),
     "plane": (plane, (30, 30), 3),
-    "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
+    "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (20, 20), 2),
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
     "hidden": (hidden, (80,), 1),
     "hidden and moving": (lambda: hidden(pace=0.5, rate=0.5), (80,), 2),
-    "windy": (windy, (30, 30), 3),
-    "turned by gusts": (turned_by_gusts, (40, 40), 2),
+    "windy": (windy, (20, 20), 2),
+    "turned by gusts": (turned_by_gusts, (20, 20), 2),
 }
 
 
+@cache
 def solved(name: str) -> Any:
-    """The table of a robot."""
+    """The table of a robot, solved once."""
     problem, cells, parts = ROBOTS[name]
     return sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=parts), progress=False, play=False)
-
-
-def save(name: str, path: Path) -> Path:
-    """The file of a robot's table."""
-    solved(name).save(path)
-    return path
 
 
 @cache
 def file_of(name: str) -> bytes:
     """The bytes of a robot's file, made once."""
     with TemporaryDirectory() as folder:
-        return save(name, Path(folder) / "table.npz").read_bytes()
+        solved(name).save(path := Path(folder) / "table.npz")
+        return path.read_bytes()
 
 
 # ---- changing what stands in a file
@@ -973,8 +969,8 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "unsure must be 2 numbers"),
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure "),
 }
-FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (change, said) in HEADS.items()}
-FORGERIES |= {  # a robot that is soon looked through
+FORGERIES |= {f"head: {name}": Forgery("plane", said, head(change)) for name, (change, said) in HEADS.items()}
+FORGERIES |= {
     "head: periods": Forgery("line", "periodic must", head(lambda told: told["grid"].update(periodic=["no"]))),
     "head: inputs of a set": Forgery(
         "forbidden", "inputs of an unsafe", head(lambda told: told["sets"][1].update(inputs=[3]))
@@ -996,10 +992,6 @@ TEXTS: dict[str, tuple[list[Any], str]] = {
         ["x 0", "x 0", "gridded 0 0 1 lower 0x0p+0 0x0p+0 spacing -0x1p+0 0x1p+0", "return 2"],
         "`spacing` above 0",
     ),
-    "a table of more axes": (
-        ["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0", "return 1"],
-        "axis for each operand",
-    ),
 }
 
 
@@ -1007,7 +999,9 @@ def says(text: Any) -> Callable[[Told], Any]:
     return lambda told: told["formulas"]["functions"]["unsafe 0"].update(lines=text)
 
 
-FORGERIES |= {f"text: {name}": Forgery("windy", said, head(says(text))) for name, (text, said) in TEXTS.items()}
+FORGERIES |= {f"text: {name}": Forgery("plane", said, head(says(text))) for name, (text, said) in TEXTS.items()}
+OF_ONE_AXIS = ["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0", "return 1"]
+FORGERIES["text: a table of more axes"] = Forgery("windy", "axis for each operand", head(says(OF_ONE_AXIS)))
 
 
 # ---- forgeries that a reading of the checker brought
@@ -1173,7 +1167,6 @@ def no_layers(told, arrays):
 
 FORGERIES |= {
     "own as numbers": Forgery("growing", "axes of a place", whole("proof own", [1])),
-    "own as a fraction": Forgery("growing", "axes of a place", whole("proof own", [0.5])),
     "own as text": Forgery("growing", "axes of a place", whole("proof own", ["false"])),
     "an empty image beside a layer": Forgery("standing", "lead to some cell", empty_images),
     "an entry less": Forgery("crossed", "sets for each step", fewer_rows),
@@ -1182,18 +1175,14 @@ FORGERIES |= {
     "arrivals of a tide": Forgery("tide", ARRIVE, arrives_everywhere(1)),
     "arrivals of a target that moves": Forgery("drifting", ARRIVE, arrives_everywhere(2)),
     "a wall on the way of an axis of no place": Forgery("carried", COVER, places_on_one_axis),
-    "an end called Wall": Forgery("line", "safe, unsafe, wall", whole("grid ends", [["Wall", "unsafe"]])),
     "an end without a name": Forgery("line", "safe, unsafe, wall", whole("grid ends", [[None, "unsafe"]])),
     "an axis on which rounding is no share": Forgery(
         "line", "upper ends must be 1e-120 above", head(lambda told: told["grid"].update(lower=[0.0], upper=[1e-323]))
     ),
-    "a grid of one node": Forgery("line", "numbers of nodes", whole("grid shape", [1])),
-    "an obstacle": Forgery("line", "must be a target", of_a_set(1, kind="obstacle")),
     "an Unsafe set": Forgery("line", "must be a target", of_a_set(2, kind="Unsafe")),
     "a second target": Forgery("line", "must be a target", two_targets),
     "no input of a set": Forgery("forbidden", "inputs of an unsafe", of_a_set(1, inputs=[])),
     "inputs of a target": Forgery("line", "inputs of an unsafe", of_a_set(0, inputs=[0])),
-    "no inputs": Forgery("line", "there must be 1 to", head(lambda told: told.update(inputs=[]))),
     "inputs of several sizes": Forgery(
         "line", "an input must be 1 numbers", head(lambda told: told.update(inputs=[[0.0], [0.0, 1.0], [1.0]]))
     ),
@@ -1208,10 +1197,6 @@ FORGERIES |= {
     ),
     "a negative delta": Forgery("line", "delta ", head(lambda told: told.update(delta=-0.5))),
     "a delta that is true": Forgery("line", "delta ", head(lambda told: told.update(delta=True))),
-    "no parts": Forgery("line", "parts must", whole("proof parts", 0)),
-    "parts below zero": Forgery("line", "parts must", whole("proof parts", -1)),
-    "so many pieces": Forgery("line", "no unknown field", whole("proof pieces", 10**9)),
-    "lines": Forgery("line", "no unknown field", whole("proof normals", [[1.0]])),
     "two layers": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [2, 1]])),
     "less than no layer": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [-1, 1]])),
     "layers that are true": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [True, 1]])),

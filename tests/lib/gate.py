@@ -6,12 +6,14 @@ from sdhj.certified.check import argument, reading
 
 
 def refusals(path, beside=None, every=True, of=argument):
-    """What the plain checker says against a file: a text for each claim that it does not prove, or one sentence."""
+    """Yield what the plain checker says against a file: a text for each claim not proved, or one sentence."""
     try:
         with reading.head_and_arrays(path) as (told, arrays):
-            return [str(claim) for claim in of.Argument(told, arrays, beside).claims(every) if claim.failed]
+            for claim in of.Argument(told, arrays, beside).claims(every):
+                if claim.failed:
+                    yield str(claim)
     except ValueError as error:
-        return [str(error)]
+        yield str(error)
 
 
 def box_beside(name):

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from forged_robots import save
+from forged_robots import solved
 
 import sdhj
 
@@ -24,7 +24,7 @@ print(*sorted(name for name in sys.modules if name.startswith("sdhj.certified.ch
 
 
 def test_a_file_is_verified_without_numba_or_scipy(tmp_path):
-    path = save("line", tmp_path / "line.npz")
+    solved("line").save(path := tmp_path / "line.npz")
     own = subprocess.run([sys.executable, "-c", "import sys; print(*sys.modules)"], capture_output=True, text=True)
     code = ALONE.replace("OWN", repr({name.partition(".")[0] for name in own.stdout.split()}))
     done = subprocess.run(

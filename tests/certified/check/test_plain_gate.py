@@ -17,13 +17,13 @@ from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.reading import head_and_arrays
 
 
-@pytest.mark.parametrize("every", [True, False])
 @pytest.mark.parametrize(
     "name", but_slow(ROBOTS, *(name for name in ROBOTS if name.startswith(("pursued", "windy", "bent"))))
 )
-def test_what_is_true_is_proved(name, every, tmp_path):
+def test_what_is_true_is_proved(name, tmp_path):
+    """Of all cells: a solve has looked at what is promised."""
     (tmp_path / "true.npz").write_bytes(file_of(name))
-    assert refusals(tmp_path / "true.npz", box_beside(name), every) == []
+    assert [*refusals(tmp_path / "true.npz", box_beside(name))] == []
 
 
 @pytest.mark.parametrize("name", but_slow(FORGERIES, "a steeper wall"))
@@ -32,7 +32,7 @@ def test_a_forgery_is_refused(name, tmp_path):
     forgery = FORGERIES[name]
     path = forgery.write(file_of(forgery.robot), tmp_path / "forged.npz")
     said = refusals(path, forgery.beside and forgery.beside())
-    assert any(forgery.said in one for one in said), said
+    assert any(forgery.said in one for one in said), [*refusals(path, forgery.beside and forgery.beside())]
 
 
 @pytest.mark.parametrize("name", PROMISED)

@@ -1,11 +1,9 @@
 """What the checker reads of a robot: robots of all kinds are proved, forged tables of numbers refused."""
 
-import shutil
-
 import numpy as np
 import pytest
 import zoo
-from forged_robots import WIND, plane, save
+from forged_robots import WIND, file_of, plane
 from forging import FORGERIES, forged, replaced
 
 import sdhj
@@ -70,15 +68,9 @@ def test_an_adversary_that_does_not_enter_linearly(share, tmp_path):
     assert verdict.ok == (share == 1.0), str(verdict)
 
 
-@pytest.fixture(scope="module")
-def windy(tmp_path_factory):
-    """A file with a table."""
-    return save("windy", tmp_path_factory.mktemp("windy") / "plane.npz")
-
-
 @pytest.mark.parametrize("forgery", [name for name in FORGERIES if name != "too short"])
-def test_a_forged_table_is_refused(forgery, windy, tmp_path):
-    path = shutil.copy(windy, tmp_path / "forged.npz")
+def test_a_forged_table_is_refused(forgery, tmp_path):
+    (path := tmp_path / "forged.npz").write_bytes(file_of("windy"))
     with forged(path, named=True) as parts:
         replaced("tables/0", FORGERIES[forgery])(*parts)
     if forgery == "too long":  # a table of another robot
