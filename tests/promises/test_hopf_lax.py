@@ -3,7 +3,7 @@
 import naive
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdhj import Grid, Scheme
@@ -20,6 +20,7 @@ def maximum_over_interval(grid, values, axis, low, high, interpolation):
     return next(maximum_over_boxes(grid, values, [low * along], [high * along], interpolation))[1]
 
 
+@settings(max_examples=30)
 @given(
     nodes=st.integers(6, 12),
     low=st.floats(-4, 4),

@@ -10,7 +10,6 @@ from plain import run_plainly
 
 import sdhj
 from sdhj import Grid, Scheme
-from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.problem.velocities import Velocities
 from sdhj.solver.schemes import evolve
 
@@ -43,10 +42,9 @@ def cases(*grids):
     ]
 
 
-def either(values, fast=()):
-    """Each of some values as plain Python, and compiled, which is slow but for some of them."""
-    compiled = [pytest.param(False, value, marks=() if value in fast else pytest.mark.slow) for value in values]
-    return [*((True, value) for value in values), *compiled]
+def either(values):
+    """Each of some values as plain Python, and compiled, which is slow."""
+    return [*((True, one) for one in values), *(pytest.param(False, one, marks=pytest.mark.slow) for one in values)]
 
 
 def box(lower, upper):
@@ -92,7 +90,6 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, monkeypatch, plain,
         ((9,), (True,)),
         ((6, 7), (False, True)),
         ((5, 5, 6, 7), (True, True, False, False)),
-        ((5, 6, 5, 9), (False, True, False, True)),
         ((5, 5, 6, 5, 7), (True, False, False, True, False)),
         ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
     ),
@@ -161,8 +158,7 @@ def test_integrators_and_a_moving_obstacle_equal_the_slow_twin(rng, integrator):
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
-@pytest.mark.parametrize("flux", ["godunov", pytest.param("lax-friedrichs", marks=pytest.mark.slow)])
-def test_velocities_that_change_in_time_equal_the_slow_twin(rng, flux, integrator):
+def test_velocities_that_change_in_time_equal_the_slow_twin(rng, integrator):
     """Each stage takes the velocities of its own time, tau counted back from the interval's end."""
     grid, values, lower, upper = random_problem(rng, (6, 7), (True, False))
 
@@ -170,9 +166,9 @@ def test_velocities_that_change_in_time_equal_the_slow_twin(rng, flux, integrato
         return lower * (1 + 9 * tau), upper * (1 + 9 * tau) + 20 * tau
 
     def rhs(phi, tau):
-        return naive.right_hand_side(phi, grid.spacing, (True, False), *field(tau), 2, flux)
+        return naive.right_hand_side(phi, grid.spacing, (True, False), *field(tau), 2, "godunov")
 
-    scheme = dataclasses.replace(SINGLE, flux=flux, integrator=integrator)
+    scheme = dataclasses.replace(SINGLE, integrator=integrator)
     got = evolve(grid, values, lambda tau: Velocities(*field(tau)), 0.06, scheme, steps=3)
     expected = naive.evolve(values, rhs, 0.06, 3, integrator, timed=True)
     np.testing.assert_allclose(got, expected, rtol=0, atol=SINGLE_ROUNDING)
@@ -213,29 +209,6 @@ def test_coupled_velocities_with_modes_equal_the_slow_twin(rng, monkeypatch, pla
     np.testing.assert_allclose(got, naive.evolve(values, rhs, 0.02, 2, "rk2"), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.slow
-def test_coupled_kernel_without_coupling_equals_lax_friedrichs(rng):
-    grid = Grid([0.0, 0.0], [1.0, 1.0], (8, 9), (True, False))
-    values = rng.normal(size=(8, 9))
-    drift, spread = np.array([0.7, -0.2]), np.array([0.3, 0.5])
-    separable = box(drift - spread, drift + spread)
-    coupled = Velocities(separable.low, separable.high, drift=drift[None], gain=np.diag(spread)[None])
-    scheme = dataclasses.replace(DOUBLE, flux="lax-friedrichs")
-    a = evolve(grid, values, separable, 0.1, scheme, steps=4)
-    np.testing.assert_allclose(evolve(grid, values, coupled, 0.1, scheme, steps=4), a, rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.parametrize("flux", FLUXES)
-def test_numerical_hamiltonians_are_the_textbook_fluxes(rng, flux):
-    twin = {"godunov": naive.godunov, "lax-friedrichs": naive.lax_friedrichs}[flux]
-    for _ in range(2000):
-        a = rng.uniform(-2, 2)
-        b = a + rng.uniform(0, 2)
-        minus, plus = rng.uniform(-1, 1, size=2)
-        got = HAMILTONIANS[flux](minus, plus, a, b)
-        assert got == pytest.approx(twin(minus, plus, a, b), abs=ROUNDING)
-
-
 def smooth_errors(order, integrator, flux, nodes):
     """Largest error on a linear advection of a sine, over half a period, at CFL 0.5."""
     errors = []
@@ -249,13 +222,10 @@ def smooth_errors(order, integrator, flux, nodes):
 
 
 @pytest.mark.parametrize(("order", "integrator", "expected"), [(1, "euler", 1), (2, "rk2", 2), (3, "rk3", 3)])
-@pytest.mark.parametrize(("plain", "flux"), either(FLUXES))
-def test_order_of_convergence_on_a_smooth_problem(
-    monkeypatch, plain, order, integrator, expected, flux, record_property
-):
-    nodes = np.array([20, 40, 80] if plain else [40, 80, 160, 320])
-    if plain:
-        run_plainly(monkeypatch)
+@pytest.mark.parametrize("flux", FLUXES)
+def test_order_of_convergence_on_a_smooth_problem(monkeypatch, order, integrator, expected, flux, record_property):
+    nodes = np.array([20, 40, 80])
+    run_plainly(monkeypatch)
     errors = smooth_errors(order, integrator, flux, nodes)
     fitted = -np.polyfit(np.log(nodes), np.log(errors), 1)[0]
     print(f"order {order}, {integrator}, {flux}: fitted {fitted:.2f}")
@@ -266,11 +236,9 @@ def test_order_of_convergence_on_a_smooth_problem(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_growing_kinks_match_their_closed_form(monkeypatch, plain):
+def test_growing_kinks_match_their_closed_form(monkeypatch):
     """Phi_tau = |Phi_x|, Phi(0) = cos x: the maximum of cos over [x - tau, x + tau], the minimum turns to a kink."""
-    if plain:
-        run_plainly(monkeypatch)
+    run_plainly(monkeypatch)
     nodes = np.array([50, 100, 200])
     errors = {order: [] for order in (1, 2, 3)}
     for n in nodes:
@@ -287,75 +255,6 @@ def test_growing_kinks_match_their_closed_form(monkeypatch, plain):
     assert errors[2][-1] < errors[1][-1] / 2 and errors[3][-1] < errors[1][-1] / 2
 
 
-@pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_first_order_godunov_is_monotone(rng, monkeypatch, plain):
-    if plain:
-        run_plainly(monkeypatch)
-    grid, values, lower, upper = random_problem(rng, (7, 8), (True, False))
-    scheme = dataclasses.replace(DOUBLE, order=1, integrator="euler")
-    field = Velocities(lower, upper)
-    below = evolve(grid, values, field, 0.2, scheme)
-    above = evolve(grid, values + rng.uniform(0, 1, size=values.shape), field, 0.2, scheme)
-    assert (above >= below - ROUNDING).all()
-
-
-@pytest.mark.parametrize(("plain", "order"), either((1, 2, 3)))
-def test_axis_permutation_permutes_the_solution(rng, monkeypatch, plain, order):
-    if plain:
-        run_plainly(monkeypatch)
-    grid = Grid([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], (6, 7, 8), (True, False, True))
-    values = rng.normal(size=grid.shape)
-    lower, upper = np.array([-0.5, 0.2, -1.0]), np.array([0.4, 0.9, -0.2])
-    scheme = dataclasses.replace(DOUBLE, order=order)
-    straight = evolve(grid, values, Velocities(lower, upper), 0.1, scheme, steps=4)
-    for axes in [(1, 0, 2), (2, 1, 0), (1, 2, 0)]:
-        turned = evolve(
-            grid.subgrid(axes),
-            values.transpose(axes).copy(),
-            Velocities(lower[list(axes)], upper[list(axes)]),
-            0.1,
-            scheme,
-            steps=4,
-        )
-        np.testing.assert_allclose(turned, straight.transpose(axes), rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.parametrize(("plain", "kind"), either(ALL, fast=(USUAL,)))
-def test_mirror_image_and_translation(rng, monkeypatch, plain, kind):
-    flux, order = kind
-    if plain:
-        run_plainly(monkeypatch)
-    grid = Grid([0.0, 0.0], [1.0, 1.0], (12, 9), (True, False))
-    values = rng.normal(size=grid.shape)
-    lower, upper = np.array([-0.5, 0.2]), np.array([0.8, 0.9])
-    double = plain or kind != USUAL
-    scheme = dataclasses.replace(DOUBLE if double else SINGLE, flux=flux, order=order)
-    atol = ROUNDING if double else SINGLE_ROUNDING
-    straight = evolve(grid, values, Velocities(lower, upper), 0.1, scheme, steps=3)
-    mirrored = evolve(grid, values[::-1, ::-1], Velocities(-upper, -lower), 0.1, scheme, steps=3)
-    np.testing.assert_allclose(mirrored[::-1, ::-1], straight, rtol=0, atol=atol)
-    moved = evolve(grid, np.roll(values, 5, axis=0), Velocities(lower, upper), 0.1, scheme, steps=3)
-    np.testing.assert_allclose(np.roll(moved, -5, axis=0), straight, rtol=0, atol=atol)
-
-
-@pytest.mark.slow
-def test_single_precision_stays_within_its_rounding(monkeypatch):
-    grid = Grid([-1.0] * 4, [1.0] * 4, (7, 7, 6, 6), (True, True, False, False))
-    # no symmetry: where the two second differences tie in size, rounding alone picks ENO's stencil
-    x, y, z, w = (grid.points() + 0.1234).T
-    values = (np.sin(np.pi * x + 0.3) + np.cos(np.pi * y + 0.7) + z**2 - w + 0.3 * x * z).reshape(grid.shape)
-    field = box([-1.0, -0.5, -0.3, -0.3], [2.0, 0.5, 0.3, 0.3])
-    single = evolve(grid, values, field, 0.1, dataclasses.replace(DOUBLE, dtype="float32"))
-    run_plainly(monkeypatch)
-    double = evolve(grid, values, field, 0.1, DOUBLE)
-    assert single.dtype == np.float32 and double.dtype == np.float64
-    difference = np.abs(single - double).max()
-    print(f"float32 against float64: {difference:.1e}")
-    # a few dozen roundings of values below 4 in each of the 2 * steps stages
-    stages = 2 * field.steps(grid, 0.1, DOUBLE.cfl)
-    assert 0 < difference < stages * 32 * 4 * np.finfo(np.float32).eps
-
-
 def test_no_motion_and_no_time_leave_the_values_alone(rng):
     grid = Grid([0.0, 0.0], [1.0, 1.0], (6, 6), (True, False))
     values, wall = rng.normal(size=(2, 6, 6)).astype(np.float32)
@@ -365,10 +264,8 @@ def test_no_motion_and_no_time_leave_the_values_alone(rng):
     )
 
 
-@pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_cfl_counts_steps_and_instability_shows_beyond_it(monkeypatch, plain):
-    if plain:
-        run_plainly(monkeypatch)
+def test_cfl_counts_steps_and_instability_shows_beyond_it(monkeypatch):
+    run_plainly(monkeypatch)
     grid = Grid([0.0, 0.0], [1.0, 1.0], (10, 11), (True, False))
     field = box([-1.0, 0.0], [0.5, 2.0])
     assert field.steps(grid, 1.0, 0.75) == int(np.ceil((1.0 / 0.1 + 2.0 / 0.1) / 0.75))
@@ -383,14 +280,9 @@ def test_cfl_counts_steps_and_instability_shows_beyond_it(monkeypatch, plain):
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"flux": "roe"}, "roe"),
-        ({"order": 5}, "5"),
         ({"integrator": "rk4"}, "rk4"),
         ({"cfl": 1.2}, "1.2"),
-        ({"cfl": "x"}, "cfl"),
-        ({"cfl": None}, "cfl"),
         ({"cfl": True}, "cfl"),
-        ({"order": 2.0}, "order"),
         ({"order": True}, "order"),
         ({"cfl": 0.0}, "0.0"),
         ({"cfl": float("nan")}, "nan"),
