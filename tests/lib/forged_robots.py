@@ -1050,6 +1050,15 @@ def sheltered(least, most):
     return replace(carried(), dynamics=sdhj.Dynamics([[-1.0], [1.0]], drift, gain, [0.5]))
 
 
+def veering():
+    """The same with two gusts, one along each axis, the second the stronger the farther to the right it is."""
+    zero = lambda q: 0.0 * q[:, 0]  # noqa: E731
+    drift = lambda q, u: np.stack([u[0] + zero(q), zero(q)], axis=1)  # noqa: E731
+    rows = lambda q: [[0.1 + zero(q), zero(q)], [zero(q), 0.2 + 0.1 * q[:, 0]]]  # noqa: E731
+    gain = lambda q: np.stack([np.stack(row, axis=1) for row in rows(q)], axis=1)  # noqa: E731
+    return replace(carried(), dynamics=sdhj.Dynamics([[-1.0], [1.0]], drift, gain, [0.5, 0.5]))
+
+
 def swell(way):
     """Carried by 0.25 m and back within one interval, between walls that are 2 m away from 0."""
     wall = sdhj.UnsafeSet((0,), lambda p, t: 2.0 - np.abs(p[:, 0]), name="wall")
@@ -1063,7 +1072,7 @@ def between():
     return replace(plane(), unsafe=walls)
 
 
-ROBOTS |= {"parked": (parked, (20, 20), 1), "between": (between, (20, 20), 1)}
+ROBOTS |= {"parked": (parked, (20, 20), 1), "veering": (veering, (20, 20), 1), "between": (between, (20, 20), 1)}
 ROBOTS |= {"swell": (lambda: swell(1.0), (120,), 1), "ebb": (lambda: swell(-1.0), (120,), 1)}
 ROBOTS |= {"gusts on the left": (lambda: sheltered(-0.5, 0.0), (40, 20), 1)}
 ROBOTS |= {"gusts on the right": (lambda: sheltered(0.0, 0.5), (40, 20), 1)}
@@ -1229,6 +1238,7 @@ FORGERIES |= {
     "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
     "inputs that are clear of the first wall alone": Forgery("between", NEARER, never_clear_of_the_last),
     "a cart on too few axes for its other inputs": Forgery("parked", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
+    "gusts on too few axes": Forgery("veering", DEPENDS, on_axes(([1], [], [1]))),
     "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
     "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
     "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
