@@ -9,9 +9,11 @@ import zoo
 
 import sdhj
 from sdhj.certified.check import verify
+from sdhj.problem.boxes import one_by_one
 from sdhj.simulation.adversaries import first_moment
 from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, play_interval
 from sdhj.solver.joint import Joint
+from sdhj.solver.recursion import GridParts
 
 SPEEDS = (0.0, 1.0, 0.4, -1.0)
 STATION, FAST = (0.5, 1.1), (1, 3)
@@ -148,6 +150,19 @@ def test_files_stores_and_digests_tell_it(tmp_path):
         sdhj.load(tmp_path / "table.npz", problem=line((1,)))
     stored = sdhj.solve(problem, store=tmp_path / "store", progress=False, play=False)
     assert np.array_equal(stored.values(within=10), table.values(within=10))
+
+
+@pytest.mark.parametrize("some", [[0, 2], [1, 3], [2], [3]])
+def test_games_of_some_inputs_are_those_of_all(some):
+    """As workers share them out: inputs count by their own numbers, not by those among the ones of a share."""
+    parts = GridParts(line(), sdhj.HJI(sdhj.Scheme(frame="fixed")))
+    every = np.empty(parts.shape("avoid_static"), parts.dtype)
+    own, values = np.empty_like(every[some]), parts.samples.goal(0).astype(parts.dtype)
+    parts.write_avoid("avoid_static", 0, every)
+    parts.write_avoid("avoid_static", 0, own, some)
+    assert np.array_equal(own, every[some]) and not np.array_equal(every[0], every[1])
+    led, led_by_some = (dict(one_by_one(parts.games.grouped_reach_sets(values, 0, *own))) for own in ([], [some]))
+    assert [*led_by_some] == some and all(np.array_equal(one, led[j]) for j, one in led_by_some.items())
 
 
 @pytest.mark.slow
