@@ -326,6 +326,18 @@ def test_staying_clear_of_unsafe_ends():
     assert control.counts["reached"] < 600
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.25, 0.45])
+def test_who_collides_before_the_next_measurement_or_behind_it_has_collided(delay):
+    """Of runs that only go ahead, by a table that knows of no wall, all that begin before its far side meet it."""
+    problem = zoo.line([1.0], 0.0, grid=Grid([-1.0], [3.0], [41]), sensing=Sensing(delay=delay), steps=6)
+    problem = replace(problem, target=TargetSet((0,), lambda p, t: 2.0 - p[:, 0]))
+    blind = sdhj.solve(problem, progress=False, play=False)
+    table = replace(blind, problem=replace(problem, unsafe=[zoo.post(0.32, 0.02)]))
+    report = sdhj.monte_carlo(Controller(table), runs=300, adversary="none", progress=False)
+    collided = np.array(sdhj.simulation.outcomes.OUTCOMES)[report.outcomes] == "collided"
+    np.testing.assert_array_equal(collided, report.starts[:, 0] <= 0.34)
+
+
 def test_an_adversary_of_ones_own_and_what_it_may_not():
     class Own:
         def __init__(self, size):

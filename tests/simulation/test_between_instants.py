@@ -63,6 +63,22 @@ def test_who_is_passed_by_is_seen_by_a_closed_form(periodic, rng):
     assert periodic or near.sum() < 0.95 * hit.sum()
 
 
+def test_what_is_behind_a_seam_is_met_there(rng):
+    """By robots of 10 m/s; the level sets of the posts are written for coordinates from -2 to 2 m alone."""
+    inputs, way = [[10.0], [-10.0]], np.repeat([0, 1], 100)
+    problem = zoo.line(
+        np.ravel(inputs),
+        0.0,
+        grid=sdhj.Grid([-2.0], [2.0], [41], [True]),
+        unsafe=[zoo.post(-1.81, 0.05), zoo.post(1.81, 0.05)],
+        delta=0.25,
+    )
+    starts = np.where(way == 0, 1.0, -1.0)[:, None] * rng.uniform(1.87, 1.99, (200, 1))
+    assert (outcomes(problem, starts, way) == COLLIDED).all()
+    at = starts - 2.0 * np.sign(starts) + np.array([[10.0], [-10.0]])[way] * np.linspace(0.0, 0.25, SUBSTEPS + 1)
+    assert (np.abs(np.abs(at) - 0.19) <= 0.05).any(axis=1).mean() < 0.9  # what 20 instants see
+
+
 def test_what_moves_too_is_judged_where_it_is(rng):
     """Against 4,000 instants, of robots that move across."""
     starts = np.column_stack([rng.uniform(-1.0, 1.9, 300), rng.uniform(-0.5, 0.3, 300)])
