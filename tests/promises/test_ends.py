@@ -44,12 +44,11 @@ def judged(table, runs, rng, disturbance=0.0):
     )
 
 
-@pytest.mark.parametrize("disturbance", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
-def test_hji_loses_next_to_nothing_where_the_robot_can_leave_the_grid(rng, disturbance):
+def test_hji_loses_next_to_nothing_where_the_robot_can_leave_the_grid(rng):
     lost = {}
     for ends in ("wall", "unsafe"):
-        table = sdhj.solve(double_integrator(ends, disturbance=disturbance))
-        lost[ends] = (judged(table, 4_000, rng, disturbance) != "reached").mean()
+        table = sdhj.solve(double_integrator(ends, disturbance=0.3))
+        lost[ends] = (judged(table, 1_500, rng, 0.3) != "reached").mean()
     assert lost["wall"] > 0.2  # the judge sees it
     assert lost["unsafe"] < 0.005
 
@@ -120,13 +119,11 @@ def test_the_ends_of_a_subspace_count_in_the_projected_method(rng):
 
 
 @pytest.mark.parametrize(
-    "current", [lambda t: 0.4 * t, lambda t: t * np.sin(4.0 * np.pi * t)], ids=["growing", "out and back"]
-)
-@pytest.mark.parametrize(
     "method", [HJI(), HopfLax("linear"), sdhj.Certified(cells=[200], parts=20)], ids=["hji", "lax", "certified"]
 )
-def test_of_a_current_each_step_has_ends_of_its_own(method, current):
+def test_of_a_current_each_step_has_ends_of_its_own(method):
     """Who is carried past an end at an instant of the interval is lost; the current's way is added up, by instants."""
+    current = lambda t: t * np.sin(4.0 * np.pi * t)  # noqa: E731  # out and back
     problem = line(
         [0.0], lower=[-1.0], upper=[1.0], drift=lambda q, u, t: u + current(t) + 0.0 * q, target=None, **ALONE
     )
@@ -140,8 +137,7 @@ def test_of_a_current_each_step_has_ends_of_its_own(method, current):
 
 
 @pytest.mark.parametrize("end", ["unsafe", "safe"])
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("axis", "side"), [(0, 1.0), (1, -1.0)])
 def test_margins_tell_where_what_an_input_leads_to_is_past_an_end(end, axis, side):
     """Inputs lead 0.1 m on, up to 0.05 m off; past an unsafe end a part is too much, past a safe one all has won."""
     ends = [["wall", "wall"], ["wall", "wall"]]
@@ -169,12 +165,12 @@ def test_margins_tell_where_what_an_input_leads_to_is_past_an_end(end, axis, sid
 def test_runs_that_leave_the_grid_are_counted_apart():
     """Also where a table for calm days is played in a storm: past unsafe ends runs are lost, at walls they stop."""
     walled, cautious = (Controller(sdhj.solve(double_integrator(ends))) for ends in ("wall", "unsafe"))
-    assert sdhj.monte_carlo(walled, 2000).counts["off the grid"] == 0
-    assert sdhj.monte_carlo(cautious, 2000).rate("off the grid") < 0.005
+    assert sdhj.monte_carlo(walled, 500).counts["off the grid"] == 0
+    assert sdhj.monte_carlo(cautious, 500).rate("off the grid") < 0.005
     storms = (double_integrator(ends, disturbance=4.0) for ends in ("wall", "unsafe"))
     walled, lost = (Controller(replace(cautious.table, problem=storm)) for storm in storms)
-    report = sdhj.monte_carlo(lost, 2000)
-    assert report.rate("off the grid") > 0.2 and sdhj.monte_carlo(walled, 2000).counts["off the grid"] == 0
+    report = sdhj.monte_carlo(lost, 500)
+    assert report.rate("off the grid") > 0.2 and sdhj.monte_carlo(walled, 500).counts["off the grid"] == 0
     start = report.starts[report.outcomes == OUTCOMES.index("off the grid")][0]
     run = sdhj.simulate(lost, start)
     assert run.outcome == "off the grid" and (np.abs(run.states[-1]) > HALF).any()
@@ -191,7 +187,7 @@ def test_ends_are_kept_in_files_and_tell_problems_apart(tmp_path):
     assert problem.digest != leaving("wall").digest
 
 
-@pytest.mark.parametrize("ends", ["open", ["wall", "wall"], [("wall",)], [3], 7, [("wall", "wall", "safe")]])
+@pytest.mark.parametrize("ends", ["open", ["wall", "wall"], [("wall", "wall", "safe")], 7])
 def test_ends_that_are_none_are_refused(ends):
     with pytest.raises(ValueError, match="ends "):
         Grid([0.0], [1.0], [9], ends=ends)

@@ -76,8 +76,6 @@ def test_near_extinction_what_is_lost_outside_the_target_is_told(solves_are_play
 
 def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     problem = replace(interval_problem(unsafe=False), target=None, grid=sdhj.Grid([-4.0], [4.0], [81]))
-    with pytest.warns(ResolutionWarning, match="no input stays clear"):
-        sdhj.solve(replace(problem, unsafe=(UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 3.9, name="bars"),)))
     weak = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], [1.5])
     with pytest.warns(ResolutionWarning, match="from 94%.*one interval.*stronger inputs"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
@@ -87,9 +85,6 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     assert "memory=True" in str(seen[-1].message) and "nodes" not in str(seen[-1].message)
     followed = sdhj.solve(replace(blurred, sensing=sdhj.Sensing(error=0.5)), progress=False)
     assert followed.fraction() > 0.3 > none.fraction() == 0.0
-    reach = replace(interval_problem(unsafe=False), dynamics=weak)
-    with pytest.warns(ResolutionWarning, match="3 inputs makes progress"):
-        sdhj.solve(reach, progress=False)
 
 
 @pytest.mark.slow
@@ -133,10 +128,10 @@ def test_the_filter_cannot_be_passed_by(rng: np.random.Generator) -> None:
 
 
 def parking(tolerance: float) -> sdhj.ReachAvoidProblem:
-    """A car that is to park to within a tolerance, on cells of 0.1 m."""
+    """A car that is to park to within a tolerance, on cells of 0.2 m."""
     return car(
         ((0.5, -2.0), (0.5, 0.0), (0.5, 2.0)),
-        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [41, 41, 16], [False, False, True]),
+        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], [False, False, True]),
         target=goal(0.0, 0.0, tolerance),
         unsafe=[post(1.0, 0.0, 0.4)],
         steps=2,

@@ -24,7 +24,6 @@ METHODS = {
     "joint": Joint(),
     "projected": Projected([(0, 1)]),
     "lax": HopfLax(),
-    "linear": HopfLax("linear"),
 }
 # what is compiled for one order alone is slow; of one axis it also runs as plain Python
 USED = [pytest.param(name, marks=pytest.mark.slow if "third" in name else ()) for name in METHODS]
@@ -116,7 +115,7 @@ def turned_into_at_nodes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in USED if name.values[0] not in ("lax", "linear")])
+@pytest.mark.parametrize("name", [name for name in USED if name.values[0] != "lax"])
 def test_what_has_left_does_not_come_back(name):
     problem = whirl()
     table = sdhj.solve(problem, METHODS[name], progress=False)
