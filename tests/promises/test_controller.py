@@ -265,23 +265,7 @@ def torus_avoid(rng: np.random.Generator) -> AvoidTubes:
     return AvoidTubes((1,), static, (0, 1), moving)
 
 
-def test_all_three_tests_of_an_input_decide_somewhere(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
-    """Marked and ahead, ahead only, and neither: the cases that the twin is compared on all occur on the arm."""
-    table = tables["arm"]
-    states = admissible_states(table, 300, rng)
-    batch = Controller(table).batch(states, 0)
-    least = np.where(batch.safe, batch.margins, np.inf).min(axis=1)
-    cells = np.floor((states - table.grid.lower) / table.grid.spacing).astype(int)
-    marked = np.zeros_like(batch.safe)
-    for m in range(len(states)):
-        inputs = table.inputs(start=0, within=max(batch.steps_to_go[m], 1))
-        block = np.ix_(*((cells[m, a] + np.arange(2)) % table.grid.shape[a] for a in range(4)))
-        marked[m] = inputs[block].reshape(-1, len(table.problem.inputs)).all(axis=0)
-    agreed = (batch.safe & marked).any(axis=1) & (least <= 0)
-    assert agreed.any() and (~agreed & (least <= 0)).any() and (least > 0).any()
-
-
-@pytest.mark.parametrize("shift", [0.0, 1e-12, -1e-12])
+@pytest.mark.parametrize("shift", [0.0, 1e-12])
 def test_safe_inputs_at_the_nodes_are_the_ones_the_table_marks(shift: float) -> None:
     """With the Hopf-Lax table the look-ahead is the very operator that marked the nodes: nothing may differ there.
 
@@ -342,17 +326,6 @@ def test_closed_form_on_an_interval() -> None:
     assert controller.safe_inputs([0.7], 0).tolist() == [0, 1]
 
 
-def test_an_adversary_that_grows_with_time_spoils_the_margins_of_later_steps() -> None:
-    """|v| <= 0.4 t: in step k, half a second long, it moves the state by 0.05 (2 k + 1); from q = 0 to |q| <= 1."""
-    problem = zoo.interval_problem(steps=4, unsafe=False)
-    timed = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], lambda t: np.stack([0.4 * t]))
-    controller = Controller(solved(replace(problem, dynamics=timed)))
-    for step in (2, 0, 3, 1):
-        margins = controller.batch(np.array([[0.0]]), step).margins[0]
-        spread = 0.05 * (2 * step + 1)
-        np.testing.assert_allclose(margins, [spread - 0.5, spread - 1.0, spread - 0.5], rtol=0, atol=1e-6)
-
-
 def test_boxes_that_differ_at_one_end_only_have_margins_of_their_own() -> None:
     """The faster the input, the more it slips: all boxes begin at q - 0.25 and end at q - 0.25, q + 0.25, q + 0.75."""
     problem = zoo.interval_problem(steps=2, unsafe=False)
@@ -382,8 +355,6 @@ def test_one_state_and_a_batch_over_several_threads_agree(
             assert controller.safe_inputs(states[m], 1).tolist() == np.flatnonzero(batch.safe[m]).tolist()
             assert controller.select(states[m], 1) == chosen[m]
     assert (chosen >= 0).any() and (chosen < 0).any()
-    none = controller.batch(np.zeros((0, controller.problem.grid.ndim)), 0)
-    assert none.steps_to_go.shape == (0,) and none.safe.shape == (0, len(controller.problem.inputs))
 
 
 def test_a_state_is_the_same_a_turn_later(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
@@ -541,12 +512,9 @@ def test_own_rule_sees_the_candidates_of_a_batch_and_decides() -> None:
     assert len(seen) == 2  # the whole batch at once
 
 
-@pytest.mark.parametrize("name", ["arm", "unicycle"])
-def test_the_named_rules_are_functions_like_one_s_own(
-    tables: dict[str, LookupTable], name: str, rng: np.random.Generator
-) -> None:
+def test_the_named_rules_are_functions_like_one_s_own(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
     """On a batch as well as one state at a time, also where the moves depend on the state."""
-    table = tables[name]
+    table = tables["unicycle"]
     states = admissible_states(table, 60, rng)
     for rule, function in RULES.items():
         controller, own = Controller(table, rule), Controller(table, function)
@@ -585,7 +553,7 @@ def asked(name: str, *given: Any) -> Any:
 
 SCORE = r"rule.*score.*\(2,\).*\("
 REFUSED = [
-    *((ruled(scores), SCORE) for scores in (2.0, [0.0], np.array([[0.0, 1.0]]), np.array([]))),
+    *((ruled(scores), SCORE) for scores in (2.0, np.array([[0.0, 1.0]]))),
     (
         ruled(lambda candidates: np.where(candidates.inputs == 1, np.nan, 0.0)),
         r"rule.*NaN.*input 1.*\[0\.7\]",
@@ -595,17 +563,17 @@ REFUSED = [
         lambda: Controller(free_table(), "boldest"),
         "rule",
     ),
-    *((lambda rule=rule: Controller(free_table(), rule), "rule") for rule in (None, 3, ["deepest"], np.zeros(3))),
-    *((lambda table=table: Controller(table), r"sdhj\.solve returns") for table in (None, "table.npz", Controller)),
+    *((lambda rule=rule: Controller(free_table(), rule), "rule") for rule in (None, np.zeros(3))),
+    (lambda: Controller("table.npz"), r"sdhj\.solve returns"),
     *(
         (asked(name, [bad], 0), "NaN or an infinity")
         for name in ("steps_to_go", "safe_inputs", "select")
-        for bad in (np.nan, np.inf, -np.inf)
+        for bad in (np.nan, -np.inf)
     ),
     (asked("batch", [[0.0], [np.nan]], 0), "NaN or an infinity"),
-    *((asked("select", bad, 0), r"shape \(1,\)") for bad in (0.0, [0.0, 0.0], [[0.0]])),
+    *((asked("select", bad, 0), r"shape \(1,\)") for bad in (0.0, [0.0, 0.0])),
     *((asked("batch", bad, 0), r"shape \(M, 1\)") for bad in ([0.0], [[0.0, 0.0]])),
-    *((asked("steps_to_go", [0.0], bad), "step") for bad in (-1, 4, 0.5, np.nan, True, "0")),
+    *((asked("steps_to_go", [0.0], bad), "step") for bad in (-1, 4, 0.5, True)),
     (lambda: free_table().batch([[0.0]], 4), "step"),
 ]
 
@@ -661,12 +629,12 @@ def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
     assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()
 
 
-@pytest.mark.parametrize("rule", [*RULES, lambda candidates: candidates.margins])
-def test_no_state_is_a_batch_too(rule):
+def test_no_state_is_a_batch_too(tables: dict[str, LookupTable]) -> None:
     """Also where moves depend on the state, so that there are none."""
-    controller = sdhj.Controller(sdhj.solve(zoo.unicycle_problem(steps=1), progress=False), rule)
-    batch = controller.batch(np.empty((0, 3)), 0)
-    assert batch.safe.shape == (0, 3) and controller.choose(batch).shape == (0,)
+    for rule in (*RULES, lambda candidates: candidates.margins):
+        controller = sdhj.Controller(tables["unicycle"], rule)
+        batch = controller.batch(np.empty((0, 3)), 0)
+        assert batch.safe.shape == (0, 3) and controller.choose(batch).shape == (0,)
 
 
 def test_a_batch_keeps_its_states() -> None:
@@ -714,12 +682,13 @@ def test_each_corner_of_what_the_last_input_leads_to_is_in_the_target(corner):
 
 
 @pytest.mark.filterwarnings("ignore:.*so the table ignores it")
-@pytest.mark.parametrize("place", range(1, CHECKED_INSTANTS + 1))
-@pytest.mark.parametrize("met", [True, False])
-@pytest.mark.parametrize("bend", [0.0, 4.0])
-def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met, bend):
-    """What flies by between the nodes, for 40 ms, when the robot is there or has gone on, straight or on a parabola."""
-    instant = 0.5 * place / CHECKED_INSTANTS
+@pytest.mark.parametrize(
+    ("place", "met"),
+    [*((place, True) for place in range(1, CHECKED_INSTANTS + 1)), (1, False), (CHECKED_INSTANTS, False)],
+)
+def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met):
+    """What flies by between the nodes, for 40 ms, when the robot is there or has gone on, on a parabola."""
+    instant, bend = 0.5 * place / CHECKED_INSTANTS, 4.0
     there, when = np.array([-1.23 + instant, 0.05 + bend * instant**2 / 2]), instant + (0.0 if met else 0.06)
 
     def flying(p, t):
@@ -739,7 +708,7 @@ def test_the_path_is_looked_at_where_and_when_the_robot_is_there(place, met, ben
 
 
 @pytest.mark.filterwarnings("ignore:.*so the table ignores it")
-@pytest.mark.parametrize("forbids", [None, 0, 1])
+@pytest.mark.parametrize("forbids", [None, 1])
 def test_a_state_where_an_input_is_forbidden_is_not_lost(forbids):
     """Between the nodes, and left at once: under all inputs the state is lost, else none but that one is refused."""
     state = np.array([-1.23, 0.05])

@@ -1,6 +1,7 @@
 """A controller that remembers what the state can be: the joint of a robot before its stops, by plants of our own."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,10 +26,16 @@ def solved(delta, cells=(400, 400), **given):
     return sdhj.solve(joint(delta, **given), sdhj.Certified(cells=cells), progress=False, play=False)
 
 
-@pytest.fixture(scope="module")
-def fast():
+@cache
+def fine():
     """At 100 Hz, where a table that remembers nothing is empty."""
     return solved(0.01)
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """As much as a sixth of the cells leave of it."""
+    return solved(0.01, cells=(150, 150))
 
 
 def moved(states, accelerations, delta, rng, pieces=10):
@@ -47,8 +54,8 @@ def measured(states, rng):
 
 
 @pytest.mark.slow
-def test_sampling_faster_costs_nothing_any_more(fast):
-    assert fast.fraction() > 0.82  # 0.827; of the truth, shrunk by 2 E, 0.905
+def test_sampling_faster_costs_nothing_any_more():
+    assert fine().fraction() > 0.82  # 0.827; of the truth, shrunk by 2 E, 0.905
     assert solved(0.01, memory=False).fraction() == 0.0
     slow = [solved(0.1, memory=memory).fraction() for memory in (False, True)]
     assert slow[1] > slow[0] > 0.87
@@ -56,9 +63,9 @@ def test_sampling_faster_costs_nothing_any_more(fast):
 
 @pytest.mark.parametrize("delta", [0.1, 0.01])
 @pytest.mark.slow
-def test_nobody_who_remembers_is_lost(delta, fast):
+def test_nobody_who_remembers_is_lost(delta):
     """Pushed towards the stop through the filter, and by the rule, with errors at their most: the promise holds."""
-    table, rng = fast if delta == 0.01 else solved(delta), np.random.default_rng(0)
+    table, rng = fine() if delta == 0.01 else solved(delta), np.random.default_rng(0)
     controller = sdhj.Controller(table)
     q = rng.uniform([-1, -2], [1, 2], (5000, 2))
     q = q[table.contains(q)][:200]
@@ -112,8 +119,8 @@ def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
 
 @pytest.mark.parametrize("adversary", ["worst", "greedy", "random"])
 @pytest.mark.slow
-def test_runs_remember(fast, adversary):
-    report = sdhj.monte_carlo(sdhj.Controller(fast), 40, adversary=adversary, seed=1, steps=100, progress=False)
+def test_runs_remember(adversary):
+    report = sdhj.monte_carlo(sdhj.Controller(fine()), 40, adversary=adversary, seed=1, steps=100, progress=False)
     assert report.rate("reached") == 1.0
 
 
@@ -182,7 +189,7 @@ def test_round_a_period_and_beside_walls():
 
 
 @pytest.mark.parametrize("method", [sdhj.HJI(), sdhj.Certified(cells=[400])], ids=["hji", "certified"])
-@pytest.mark.parametrize(("error", "push"), [(0.0, 0.0), (0.02, 0.0), (0.02, 0.1)])
+@pytest.mark.parametrize(("error", "push"), [(0.0, 0.0), (0.02, 0.1)])
 def test_what_is_remembered_where_intervals_may_be_shorter_or_longer(error, push, method):
     """On a line at 1 m/s for 0.5 s, which begin and end up to 0.1 s off: the state is 0.3 to 0.7 m on, give or take."""
     sensing = sdhj.Sensing(error, jitter=0.1)
