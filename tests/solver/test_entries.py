@@ -110,6 +110,18 @@ def test_equal_tubes_are_stored_once_and_the_index_is_that_of_memory(tmp_path):
     assert_bit_equal(stored, table)
 
 
+@pytest.mark.parametrize("last", [0.9, 1.4])
+def test_a_row_grows_again_where_the_target_appears_or_goes(tmp_path, last):
+    """Entries are shared where those of the next step are equal, and not where those of the same step were."""
+    late = sdhj.TargetSet((0,), lambda p, t: np.where(t > last, np.abs(p[:, 0]) - 1.0, 1.0))
+    early = sdhj.TargetSet((0,), lambda p, t: np.where(t < last, np.abs(p[:, 0]) - 1.0, 1.0))
+    for number, target in enumerate((late, early)):
+        problem = zoo.line(nodes=41, target=target, steps=4)
+        table = sdhj.solve(problem, progress=False, play=False)
+        assert_bit_equal(sdhj.solve(problem, store=tmp_path / str(number), progress=False, play=False), table)
+        assert (np.diff([table.fraction(start=0, within=n) for n in range(5)]) == 0.0).any()
+
+
 def test_what_is_left_is_a_folder_of_numpy_arrays(problem, table, tmp_path):
     sdhj.solve(problem, store=tmp_path / "t", progress=False)
     names = {path.name for path in (tmp_path / "t").iterdir()}
