@@ -5,6 +5,7 @@ import gc
 import html
 import io
 import json
+import re
 import threading
 import time
 import warnings
@@ -16,15 +17,17 @@ from typing import Any, ClassVar
 from xml.etree import ElementTree
 
 import frames
-import matplotlib as mpl
 import numpy as np
 import pytest
 import zoo
+from chapters import functions
 from course import widgets
-from course.chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
-from course.chapter_02 import carry, explore_schemes, explore_upwinding, shrink
+from course.chapter_01 import combine, explore_nodes, explore_sets
+from course.chapter_02 import carry, explore_schemes, explore_upwinding
+from course.chapter_03 import explore_value
 from course.chapter_04 import draw_plane_game, explore_holding, explore_interval
-from course.chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
+from course.chapter_05 import explore_games
+from course.chapter_06 import draw_both_spaces, explore_spaces, explore_view_time
 from course.chapter_07 import explore_filling, explore_plane_game, explore_row, filling
 from course.chapter_08 import explore_arm_game, explore_growing, explore_pursuer, explore_tube
 from course.chapter_09 import explore_gap, explore_surface, paint, turned
@@ -38,14 +41,12 @@ from course.chapter_17 import explore_tracking
 from course.paper import paper_figure, starts_of_runs
 from course.robots import one_interval, point_robot
 from course.slices import slice_values, steps_image
-from matplotlib.axis import Tick
 from matplotlib.figure import Figure
 from PIL import Image
 
 import sdhj
 from sdhj.plotting import plane
 from sdhj.plotting.looks import style
-from sdhj.solver.schemes import Scheme
 from sdhj.table.table import LookupTable
 
 pytestmark = pytest.mark.slow  # most of them solve the four-dimensional case study
@@ -87,19 +88,26 @@ def edges(explorer: widgets.Explorer) -> Any:
 def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
     """Move every control to both ends on its own, then all at once; the numbers shown at each stop.
 
-    At one end of each, and for one end of all, the picture is compared to one on a figure that never showed another.
+    A control shows another picture at one end at least, or is greyed. At one end of each, and for one end of all, the
+    picture is compared to one on a figure that never showed another.
     """
-    shown = []
-    first = explorer.values
-    stops = [{name: end} for name, control in explorer.controls.items() for end in ends(control)]
-    stops += [{name: ends(control)[side] for name, control in explorer.controls.items()} for side in (0, 1)]
-    for place, stop in enumerate(stops):
-        shown.append(dict(explorer.set(**first | stop)))
-        assert explorer.error == "", f"{stop}: {explorer.error}"
-        assert explorer.png.startswith(PNG)
-        assert edges(explorer).min() > 200, f"{stop}: something is cut off"
-        if place % 2:
-            np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer), err_msg=str(stop))
+    shown, first, before = [], explorer.values, explorer.png
+
+    def stop(fresh: int, **values: Any) -> bytes:
+        shown.append(dict(explorer.set(**first | values)))
+        assert explorer.error == "", f"{values}: {explorer.error}"
+        assert explorer.png.startswith(PNG) and gc.isenabled()
+        assert edges(explorer).min() > 200, f"{values}: something is cut off"
+        if fresh:
+            np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer), err_msg=str(values))
+        return explorer.png
+
+    for name, control in explorer.controls.items():
+        moved = {stop(side, **{name: ends(control)[side]}) for side in (0, 1)} - {before}
+        explorer.set(**first)
+        assert bool(moved) is not control.disabled, name
+    for side in (0, 1):
+        stop(side, **{name: ends(control)[side] for name, control in explorer.controls.items()})
     explorer.set(**first)
     return shown
 
@@ -171,6 +179,11 @@ def two_motors() -> sdhj.ReachAvoidProblem:
     return zoo.plane(push=0.05, grid=sdhj.Grid([-1.5, -1.2], [1.5, 1.2], [25, 21]), target=target, delta=0.4, steps=2)
 
 
+def moved(explorer: widgets.Explorer, **values: Any) -> widgets.Explorer:
+    explorer.set(**values)
+    return explorer
+
+
 AT = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24}  # a posture of the arm in the target, and a place of its pursuer
 THIN = {"nodes": 11, "thickness": 0.1}
 EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[str, Any]]]] = {
@@ -194,6 +207,12 @@ EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[
         lambda of: explore_schemes(),
         "mean error near the boundary (m)",
         [*({"order": order} for order in (3, 2, 1)), {"order": 1, "flux": "lax-friedrichs"}],
+    ),
+    "value": (lambda of: explore_value(functions("03_the_value_function.ipynb", "ride", "solve")["games"]), "", []),
+    "games": (
+        lambda of: explore_games(*map(functions("05_three_games.ipynb", "g1", "game_1").get, ("rail", "games"))),
+        "",
+        [],
     ),
     "interval": (
         lambda of: explore_interval(nodes=25),
@@ -219,8 +238,9 @@ EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[
         [{"step": 1, "samples": n} for n in (20, 2, 1)],
     ),
     "tube": (lambda of: explore_tube(of.arm), "share of C inside", [{"start": 0, "within": n} for n in (1, 2, 3)]),
+    "growing": (lambda of: explore_growing(steps=3), "", []),
     "pursuer": (
-        lambda of: explore_pursuer(of.arm),
+        lambda of: moved(explore_pursuer(of.arm), q1=0.6, q2=1.2),  # where the pursuer's place decides
         "share of the pursuer's places",
         [{"q1": -1.5, "q2": 0.0, "within": 0}, {"q1": 0.6, "q2": 1.2, "start": 0, "within": 3}],
     ),
@@ -253,6 +273,11 @@ EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[
         "share of C inside",
         [{"v_e": speed} for speed in (0.6, 0.0)],
     ),
+    "run at random": (
+        lambda of: explore_run(of.arm, of.starts(), adversaries=("worst", "random"), rules=("deepest", "effort")),
+        "",
+        [],
+    ),
     "run": (
         lambda of: explore_run(of.arm, of.starts(), rules=("deepest", "effort")),
         "time (s)",
@@ -274,6 +299,12 @@ EXPLORERS: dict[str, tuple[Callable[[Tables], widgets.Explorer], str, list[dict[
         [{"torque": 4.0, "u_max": 3.0, "ratio": ratio} for ratio in (1.0, 2.0)],
     ),
 }
+
+
+def test_no_explorer_is_left_out() -> None:
+    texts = (path.read_text("utf-8") for path in Path(widgets.__file__).parent.glob("chapter_*.py"))
+    made = {name for text in texts for name in re.findall(r"^def explore_(\w+)", text, re.MULTILINE)}
+    assert made <= {name.replace(" ", "_") for name in EXPLORERS}
 
 
 @pytest.mark.parametrize("name", EXPLORERS)
@@ -306,13 +337,6 @@ def test_what_explorers_of_the_arm_show_is_what_its_table_answers(arm: LookupTab
     shown = runs.set(number=1, adversary="aggressive", rule="effort", seed=3, moment=100)
     assert (shown["outcome"], shown["steps taken"]) == (run.outcome, len(run.inputs))
     assert explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
-
-
-def test_another_start_of_the_plane_game_solves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    explorer = explore_plane_game(nodes=15)
-    monkeypatch.setattr(sdhj, "solve", lambda *_, **__: pytest.fail("solved anew"))
-    before = explorer.numbers
-    assert explorer.set(start=2) != before and explorer.error == ""
 
 
 def test_the_table_is_filled_from_below_each_tube_from_two_that_are_there(point: LookupTable) -> None:
@@ -409,15 +433,6 @@ def slider(value: float) -> Any:
     return widgets.slider("share", 0.0, 1.0, 0.1, value)
 
 
-def test_a_refused_setting_keeps_the_picture() -> None:
-    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
-    before = explorer.png
-    assert explorer.set(share=0.9) == {"share": 0.5}
-    assert "at most 0.8" in explorer.error
-    assert explorer.png == before
-    assert explorer.set(share=0.2) == {"share": 0.2} and explorer.error == "" and explorer.png != before
-
-
 def taken_in(shown: dict[str, str]) -> tuple[bytes, str]:
     """The PNG file and the words of a picture, as a reader of HTML has them."""
     (image,) = ElementTree.fromstring(f"<p>{shown['text/html'].removesuffix('>')}/></p>")
@@ -444,27 +459,13 @@ def test_a_refused_setting_greys_the_picture_and_names_what_it_shows(monkeypatch
     explorer = widgets.Explorer(lambda figure, share, pace: draw_share(figure, share), controls)
     explorer._ipython_display_()
     widgets.SHOWN.remove(explorer)
-    explorer.set(share=0.9)
+    assert explorer.set(share=0.9) == {"share": 0.5} and "at most 0.8" in explorer.error and gc.isenabled()
     png, alt = Shown.images[-1]
     grey = Image.open(io.BytesIO(png))
     assert np.ptp(np.asarray(grey.convert("RGB")).astype(int), axis=2).max() == 0
     assert alt.startswith("still the picture of share: 0.5. ")  # and not of pace, which is the same
     explorer.set(share=0.2)
     assert Shown.images[-1][0] == explorer.png and len(Shown.images) == 2
-
-
-def test_a_control_without_a_part_is_greyed(arm: LookupTable) -> None:
-    starts = [list(map(float, q)) for q in starts_of_runs(arm, 1, within=2)]
-    explorer = explore_run(arm, starts, adversaries=("random", "worst"))
-    assert explorer.controls["seed"].disabled
-    pictures = []
-    for seed in (0, 5):
-        pictures.append([])
-        for adversary in ("worst", "random"):
-            explorer.set(adversary=adversary, seed=seed)
-            assert explorer.controls["seed"].disabled == (adversary == "worst")
-            pictures[-1].append(explorer.png)
-    assert pictures[0][0] == pictures[1][0] and pictures[0][1] != pictures[1][1]
 
 
 def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
@@ -478,41 +479,14 @@ def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
     np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
 
 
-@pytest.mark.parametrize(
-    ("control", "named"),
-    [
-        (widgets.slider("cells", 20, 240, 1, 60), (61, 120, 121)),
-        (widgets.slider("step", 0.1, 1.5, 0.05, 0.75), (1.0,)),
-        (widgets.slider("shift", -0.2, 0.2, 0.01, 0.05), ()),
-        (widgets.slider("intervals", 1, 20, 1, 4), ()),
-        (widgets.angle("angle", 0.92), (0.3,)),
-    ],
-)
-def test_frames_hold_the_ends_the_first_setting_and_what_the_text_names(control: Any, named: Any) -> None:
-    found = frames.places(control, named)
-    assert len(found) <= frames.FRAMES and found == sorted(set(found))
-    for value in (control.min, control.max, control.value, *named):
-        assert min(abs(value - place) for place in found) < 1e-9
-    every = round((control.max - control.min) / control.step) + 1
-    assert len(found) >= min(every, frames.FRAMES - 2)  # as many as there is room for, or nearly
-    apart = np.diff(found)
-    assert apart.max() <= 2 * (control.max - control.min) / (min(every, frames.FRAMES) - 1) + 1e-9
-
-
-def test_frames_of_a_tall_picture_are_as_many_as_a_file_holds() -> None:
-    """WebP pictures have up to 16,383 pixels on a side."""
-    explorer = widgets.Explorer(draw_share, {"share": widgets.slider("share", 0.0, 0.75, 0.01, 0.5)}, size=(1.0, 8.0))
-    assert 15 <= len(list(frames.frames_of(explorer))) <= 16_383 // 920
-
-
 def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    controls = {"share": slider(0.5), "moment": widgets.slider("moment", 0, 3, 1, 1)}
+    controls = {"share": widgets.slider("share", 0.0, 0.75, 0.01, 0.5), "moment": widgets.slider("moment", 0, 3, 1, 1)}
     explorer = widgets.Explorer(
         lambda figure, share, moment: draw_share(figure, share),
         controls,
         size=(3.0, 2.0),
         alt="a line",
-        named=(0.3,),
+        named=(0.33,),
         process="moment",
     )
     monkeypatch.setattr(frames, "SHOWN", [explorer])
@@ -521,45 +495,13 @@ def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pyt
     told = json.loads((tmp_path / "01_new.json").read_text("utf-8"))
     share, moment = told["widgets"]
     assert told["code"] == "a hash" and (share["control"], share["at"], share["alt"]) == ("share", "0.5", "a line")
-    assert share["named"] == ["0.3"] and {"0.3", "0.5"} < set(share["values"]) and not share["loop"]
+    assert share["named"] == ["0.33"] and {"0", "0.33", "0.5", "0.75"} < set(share["values"]) and not share["loop"]
+    assert frames.FRAMES - 2 <= len(share["values"]) <= frames.FRAMES
     assert moment["loop"] and moment["values"] == ["0", "1", "2", "3"] and moment["widget"] == share["widget"]
     for strip in (share, moment):
         width, height = strip["size"]
         assert Image.open(tmp_path / strip["file"]).size == (width, height * len(strip["values"]))
     assert sorted(path.name for path in tmp_path.glob("*.webp")) == sorted((share["file"], moment["file"]))
-
-
-def test_two_threads_move_one_slider_and_the_newest_setting_wins() -> None:
-    """As a kernel may that answers in two threads: no error, rcParams as before, the picture of where the slider is."""
-    drawing, most = [], []
-
-    def draw(figure: Any, share: float) -> dict[str, float]:
-        drawing.append(share)
-        most.append(len(drawing))
-        numbers = draw_share(figure, share)
-        time.sleep(0.002)  # in which the other thread would begin
-        drawing.pop()
-        return numbers
-
-    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
-    kept, errors = dict(mpl.rcParams), []
-
-    def move(values: Any) -> None:
-        for value in values:
-            explorer.set(share=value)
-            errors.append(explorer.error)
-
-    steps = [n / 10 for n in range(8)]
-    threads = [threading.Thread(target=move, args=(order,)) for order in (steps * 4, steps[::-1] * 4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert set(errors) == {""} and len(errors) == 64 and max(most) == 1
-    assert dict(mpl.rcParams) == kept
-    shown = explorer.values["share"]
-    assert explorer.numbers == {"share": shown}
-    np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
 
 
 def test_a_setting_that_comes_while_another_is_drawn_is_drawn_next() -> None:
@@ -587,15 +529,6 @@ def test_a_setting_that_comes_while_another_is_drawn_is_drawn_next() -> None:
     assert drawn == [0.5, 0.1, 0.4] and explorer.numbers == {"share": 0.4}
 
 
-def test_a_slice_says_what_its_lines_mean(arm: LookupTable) -> None:
-    for explorer in (explore_tube(arm), explore_certified(arm, arm)):
-        (legend,) = explorer.figure.legends
-        said = {text.get_text() for text in legend.get_texts()}
-        assert {"target", "obstacles: collision", "pursuer: collision", "the state on the left"} <= said
-        shown = legend.get_window_extent()
-        assert shown.x0 >= 0 and shown.x1 <= explorer.figure.bbox.width
-
-
 def test_a_first_setting_that_is_refused_raises() -> None:
     with pytest.raises(ValueError, match=r"at most 0\.8"):
         widgets.Explorer(draw_share, {"share": slider(0.9)})
@@ -619,27 +552,6 @@ def test_what_goes_wrong_is_said_whatever_it_is(slow: bool) -> None:
     assert explorer.error == "" and "role='alert'" not in told.value
 
 
-@pytest.mark.parametrize("collecting", [True, False])
-def test_garbage_waits_for_the_picture_and_no_longer(collecting: bool) -> None:
-    """Whether the picture is drawn or refused; a reader who has switched the collector off keeps it off."""
-    seen = []
-
-    def draw(figure: Any, share: float) -> dict[str, float]:
-        seen.append(gc.isenabled())
-        return draw_share(figure, share)
-
-    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
-    before = gc.isenabled()
-    (gc.enable if collecting else gc.disable)()
-    try:
-        for share in (0.4, 0.9):  # the second is refused
-            explorer.set(share=share)
-            assert seen[-1] is False and gc.isenabled() is collecting
-    finally:
-        (gc.enable if before else gc.disable)()
-    assert len(seen) == 3
-
-
 def test_a_value_that_comes_back_rounded_draws_nothing() -> None:
     drawn = []
 
@@ -656,25 +568,7 @@ def test_a_value_that_comes_back_rounded_draws_nothing() -> None:
     assert drawn[1:] == [(0.1, 1.24), (0.1, -0.777)]
 
 
-def test_what_plays_begins_where_the_slider_is() -> None:
-    """Linked in the browser, a player at 0 would put the slider to 0 when both are shown."""
-    control = widgets.played(widgets.slider("moment", 0, 100, 4, 60))
-    assert control.player.value == control.value == 60
-
-
 # ---- the figure that it draws on
-
-
-def test_labels_that_become_wider_are_not_cut_off() -> None:
-    def draw(ax: Any, share: float) -> dict[str, float]:
-        ax.set(yticks=[0.5], yticklabels=["8" * round(50 * share)], ylabel="height")
-        return {"share": share}
-
-    explorer = widgets.Explorer(draw, {"share": slider(0.1)})
-    for share in (0.1, 0.7, 0.3):
-        explorer.set(share=share)
-        assert edges(explorer).min() > 200
-        np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
 
 
 def draw_anything(figure: Figure, axes: int, wide: bool, share: float) -> None:
@@ -703,22 +597,6 @@ def test_a_figure_forgets_what_it_showed() -> None:
     for axes, wide, share in [*tried, (3, True, 1.0), (3, True, 0.1), (2, False, 0.9), (2, False, 0.0)]:
         explorer.set(axes=axes, wide=wide, share=share)
         np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer), err_msg=f"{axes}, {wide}, {share}")
-
-
-def test_axes_are_made_once_and_framed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which is what takes time; the picture follows all the same."""
-
-    def draw(figure: Figure, share: float) -> None:
-        ax = figure.subplots()
-        ax.plot([0, 1], [0, share])
-        ax.set(xlim=(0, 2), ylim=(0, 2))
-
-    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
-    (ax,), before = explorer.figure.axes, explorer.png
-    explorer.set(share=0.4)
-    monkeypatch.setattr(Tick, "draw", lambda *_: pytest.fail("drawn again"))
-    explorer.set(share=0.3)
-    assert explorer.error == "" and explorer.figure.axes == [ax] and explorer.png != before
 
 
 def test_what_was_refused_half_drawn_leaves_no_trace() -> None:
@@ -792,26 +670,6 @@ def test_one_interval_makes_the_table(point: LookupTable) -> None:
     for j in range(len(point.problem.inputs)):
         by_hand = np.minimum(by_hand, np.maximum(*one_interval(point.problem, j, start=1, within=2)))
     np.testing.assert_allclose(by_hand, point.values(start=1, within=2), atol=1e-6)
-
-
-def test_area_of_a_rectangle() -> None:
-    grid = canvas(41)
-    assert area(grid, rectangle(grid, (0.1, 0.0), (0.5, 0.25))) == pytest.approx(0.5, abs=0.01)
-
-
-def test_shrink_converges_at_second_order() -> None:
-    errors = [shrink(n, Scheme(frame="fixed", dtype="float64")).mean_error for n in (21, 41, 81)]
-    order = -np.polyfit(np.log((20, 40, 80)), np.log(errors), 1)[0]
-    assert order > 1.5, order  # the solution has kinks, where no scheme is better than first order
-
-
-def test_more_samples_of_the_view_time_miss_less(arm: LookupTable, rng: np.random.Generator) -> None:
-    part = next(part for part in arm.problem.unsafe if part.moving)
-    points = rng.uniform(-np.pi, np.pi, (2000, 2))
-    swept = part.over(points, 0.0, 0.4, "swept")
-    unions = [union_of_samples(part, points, 0.0, 0.4, n) for n in (1, 3, 9)]
-    assert (unions[0] >= unions[1] - 1e-12).all() and (unions[1] >= unions[2] - 1e-12).all()
-    assert (unions[2] >= swept - 1e-9).all()
 
 
 @pytest.mark.parametrize(
