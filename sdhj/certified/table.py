@@ -277,13 +277,18 @@ class CertifiedTable(Table):
 
     def _inputs_of_near_cells(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: (M, L)."""
-        states, ndim = np.ascontiguousarray(states), len(self.axes)
+        rows, cells = self.cells_near(states)
+        out = np.zeros((len(states), len(self.problem.inputs)), np.bool_)
+        np.logical_or.at(out, rows, asked(cells))
+        return out
+
+    def cells_near(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The cells within whose shell states (M, ndim) lie: of which state, (n,) in order, and indices (n, ndim)."""
+        ndim = len(self.axes)
         # Room for all cells that a state may be near: two along each axis.
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
-        count = cells_near(states, self.cells, self.proof.shell, rows, cells)
-        out = np.zeros((len(states), len(self.problem.inputs)), np.bool_)
-        np.logical_or.at(out, rows[:count], asked(cells[:count]))
-        return out
+        count = cells_near(np.ascontiguousarray(states), self.cells, self.proof.shell, rows, cells)
+        return rows[:count], cells[:count]
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
         """The fewest steps certified for all states of each cell (M, ndim), indices: (M,), N - step + 1 for none."""
@@ -335,14 +340,13 @@ class CertifiedTable(Table):
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The cells that points (M, ndim) at a step are led to under inputs (M,): (rows, first, last)."""
-        points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
-        rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
-        some = cells_near(points, self.cells, self.proof.shell, rows, cells)
-        rows, cells = rows[:some], cells[:some]
-        fewest, each = self.fewest(cells, step), np.arange(some)
+        (rows, cells), left = self.cells_near(points), self.steps - step
+        fewest, each = self.fewest(cells, step), np.arange(len(rows))
         certified = fewest <= left
         steps_tried = (
-            [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
+            [np.full(len(rows), left)]
+            if self.problem.has_no_target
+            else [np.maximum(fewest, 1), np.full(len(rows), left)]
         )
         good = [
             self.inputs_of(cells, np.where(certified, steps_left, 0), step)[each, inputs[rows]]

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from sdhj.common.remembering import FloatArray
-from sdhj.kernels.words import FREE, INPUTS, NOTHING, look_up, store_words
+from sdhj.kernels.words import INPUTS, NOTHING, unite
 from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, Batch
 from sdhj.table.rules import RULES, Candidates
 
-FIRST_SLOTS = 1 << 10  # for words, at first
-MOST_SLOTS = 1 << 23  # where half of so many are used, all are forgotten
+MOST_WORDS = 1 << 20  # for one step, within and rule; before one more is kept all are forgotten
 Rule = str | tuple[int, ...] | None  # a built-in one; all inputs, the first proved one of which is taken; none
 CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
 
@@ -168,7 +167,7 @@ class Words:
         # without a target a word is of the steps that are left, and of each step there are others
         key, inputs = (start, within, rule), len(table.problem.inputs)
         if key not in self.layers:
-            self.layers.setdefault(key, WordTable(INPUTS + -(-inputs // 32)))
+            self.layers.setdefault(key, WordTable(INPUTS + -(-inputs // 32), table.shape))
         layer, count = self.layers[key], len(states)
         out = np.empty(count, np.int64), np.empty((count, inputs), np.bool_), np.empty(count, np.int64)
         for begin in range(0, count, CHUNK):
@@ -178,48 +177,40 @@ class Words:
 
 
 class WordTable:
-    """The words for one step, within and rule, by the number of their cell; several threads may ask."""
+    """The words for one step, within and rule; several threads may ask."""
 
-    def __init__(self, width: int) -> None:
-        self.lock = threading.Lock()
-        self.empty(FIRST_SLOTS, width)
-
-    def empty(self, slots: int, width: int) -> None:
-        """Forget all words and make a hash table of `slots` slots for words of `width` numbers."""
-        # callers hold the lock, or nobody else has the layer yet
-        self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
+    def __init__(self, width: int, shape: tuple[int, ...]) -> None:
+        self.lock, self.strides = threading.Lock(), np.cumprod([1, *shape[:0:-1]])[::-1]
+        # by the flat number of a cell the row of its word
+        self.rows, self.words = dict[int, int](), np.empty((0, width), np.uint32)
 
     def look_up(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
-        """Write the answers for states (M, ndim) into `out`, and first make and keep the words that are missing.
+        """Write the answers for states (M, ndim) into `out`: (to_go (M,), safe (M, L), chosen (M,))."""
+        whose, near = table.cells_near(states)
+        unite(whose, self.of(table, near @ self.strides, key), key[1], most, *out)
 
-        `out` is (to_go (M,), safe (M, L), chosen (M,)). The lock is held while words are looked up and kept, not while
-        they are made.
-        """
-        start, within, rule = key
-        missing = np.empty(len(states) << states.shape[1], np.int64)
-        asked = states, table.cells, table.proof.shell
+    def of(self, table: Any, cells: FloatArray, key: Any) -> FloatArray:
+        """The words of cells with flat numbers (n,), made and kept if they are missing: (n, width)."""
+        with self.lock:  # not while words are made
+            rows, words = [self.rows.get(cell, -1) for cell in cells.tolist()], self.words
+        if -1 not in rows:
+            return words[rows]
+        known = np.array(rows) >= 0
+        missing, place = np.unique(cells[~known], return_inverse=True)
+        made = words_of(table, np.stack(np.unravel_index(missing, table.shape), axis=1), *key)
+        found = np.empty((len(cells), made.shape[1]), np.uint32)
+        found[known], found[~known] = words[np.array(rows)[known]], made[place]
         with self.lock:
-            lacks = look_up(*asked, self.keys, self.words, within, most, *out, missing)
-        if lacks:
-            numbers = np.unique(missing[:lacks])
-            cells = np.stack(np.unravel_index(numbers, table.shape), axis=1)
-            made = words_of(table, cells, start, within, rule)
-            with self.lock:
-                # another thread may have kept some of them meanwhile: `store_words` writes these again, and does not
-                # count them
-                self.keep(numbers, made)
-                look_up(*asked, self.keys, self.words, within, most, *out, missing[:0])
+            self.keep(missing.tolist(), made)
+        return found
 
-    def keep(self, numbers: FloatArray, made: FloatArray) -> None:
-        """Keep the words `made` of the cells with flat numbers (n,); the lock is held."""
-        # n is at most half of `MOST_SLOTS`, which is not checked
-        slots = self.keys.size
-        while 2 * (self.used + numbers.size) > slots:
-            slots *= 2
-        if slots > self.keys.size:
-            held = self.keys != FREE
-            # beyond `MOST_SLOTS` all earlier words are forgotten
-            old = (self.keys[held], self.words[held]) if slots <= MOST_SLOTS else (numbers[:0], made[:0])
-            self.empty(max(FIRST_SLOTS, min(slots, MOST_SLOTS)), made.shape[1])
-            self.used += store_words(*old, self.keys, self.words)
-        self.used += store_words(numbers, made, self.keys, self.words)
+    def keep(self, cells: list[int], made: FloatArray) -> None:
+        """Keep the words `made` of cells with flat numbers (n,); the lock is held."""
+        if len(self.rows) + len(cells) > MOST_WORDS:
+            self.rows, self.words = {}, made[:0]
+        # another thread may have kept some of them meanwhile
+        used, new = len(self.rows), [i for i, cell in enumerate(cells) if cell not in self.rows]
+        if used + len(new) > len(self.words):
+            self.words = np.concatenate([self.words[:used], np.empty((used + len(new), made.shape[1]), np.uint32)])
+        self.words[used : used + len(new)] = made[new]
+        self.rows.update((cells[i], used + n) for n, i in enumerate(new))

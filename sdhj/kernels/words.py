@@ -1,4 +1,4 @@
-"""Words of cells, kept by the number of the cell from the first question about it on.
+"""Words of cells: what they say of states near these, and how they are packed.
 
 A *word* is a row of uint32: the fewest steps to go, the input that a rule prefers, and the inputs that are proved, 32
 in a number, the first one lowest. `NOTHING` stands for no steps, and for no input.
@@ -11,84 +11,36 @@ from sdhj.kernels.packed import cells_at, first_holding
 
 NOTHING = np.uint32(0xFFFFFFFF)
 INPUTS = 2  # where the inputs of a word begin
-FREE = -1  # where no word is kept
 SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, which spreads neighbours
 
 
-@kernel(inline="always")
-def number_of(cell, counts):
-    """The flat number of a cell (ndim,), the last axis fastest."""
-    number = 0
-    for axis in range(cell.size):
-        number = number * counts[axis] + cell[axis]
-    return number
-
-
-@kernel(inline="always")
-def slot_of(number, keys):
-    """The index in keys (K,) at which the word of a cell with this number is kept, or is to be kept: then it is `FREE`.
-
-    K is a power of two, and one key at least `FREE`: else the search may not end.
-    """
-    slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(32)) & (keys.size - 1)
-    while keys[slot] != number and keys[slot] != FREE:
-        slot = (slot + 1) & (keys.size - 1)
-    return slot
-
-
 @kernel(nogil=True)
-def look_up(states, cells, slack, keys, words, within, most, to_go, safe, chosen, missing):
-    """Write what the words say of the cells within slack of states (M, ndim) to to_go, safe (M, L) and chosen.
+def unite(rows, words, within, most, to_go, safe, chosen):
+    """Write what the words (n, ...) of the cells near some states say to to_go (M,), safe (M, L) and chosen (M,).
 
     Of several cells near a state those with the fewest steps to go, at least `within`, count: their inputs are united,
     and the first one's choice is the state's. Words with more than `most` steps say nothing. -1 for none.
 
-    missing (n,) : overwritten with numbers of cells that have no word, as many as are returned; one may come twice.
+    rows (n,) : whose words these are, in order.
     """
-    lacks = 0
-    found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
-    for m in range(states.shape[0]):
-        to_go[m], safe[m], chosen[m] = -1, False, -1
-        fewest = most + 1
-        for k in range(cells_at(states[m], cells, slack, found)):
-            number = number_of(found[k], cells.counts)
-            slot = slot_of(number, keys)
-            if keys[slot] == FREE:
-                if lacks < missing.size:
-                    missing[lacks] = number
-                    lacks += 1
-                continue
-            word = words[slot]
-            steps = np.int64(word[0])
-            if steps > most:
-                continue
-            to_go[m] = steps if to_go[m] < 0 else min(to_go[m], steps)
-            steps_left = max(steps, within)
-            if steps_left < fewest:
-                fewest = steps_left
-                chosen[m], safe[m] = -1, False
-            # After the reset, so that inputs of all cells that are as near are united.
-            if steps_left == fewest:
-                for j in range(safe.shape[1]):
-                    safe[m, j] |= (word[INPUTS + (j >> 5)] >> np.uint32(j & 31)) & np.uint32(1) != 0
-                if chosen[m] < 0 and word[1] != NOTHING:
-                    chosen[m] = word[1]
-    return lacks
-
-
-@kernel(nogil=True)
-def store_words(numbers, some, keys, words):
-    """Keep the words some (n, ...) of cells with flat numbers (n,), in place; returns how many are new.
-
-    One key more than these must be `FREE` (`slot_of`).
-    """
-    new = 0
-    for i in range(numbers.size):
-        slot = slot_of(numbers[i], keys)
-        # A cell may come twice, or be there already: then its word is only written again.
-        new += keys[slot] == FREE
-        keys[slot], words[slot] = numbers[i], some[i]
-    return new
+    to_go[:], safe[:], chosen[:] = -1, False, -1
+    fewest = 0  # of the state of the word before
+    for i in range(rows.size):
+        m, word = rows[i], words[i]
+        steps = np.int64(word[0])
+        if steps > most:
+            continue
+        steps_left = max(steps, within)
+        if to_go[m] < 0 or steps_left < fewest:
+            fewest = steps_left
+            chosen[m], safe[m] = -1, False
+        to_go[m] = steps if to_go[m] < 0 else min(to_go[m], steps)
+        # After the reset, so that inputs of all cells that are as near are united.
+        if steps_left == fewest:
+            for j in range(safe.shape[1]):
+                safe[m, j] |= (word[INPUTS + (j >> 5)] >> np.uint32(j & 31)) & np.uint32(1) != 0
+            if chosen[m] < 0 and word[1] != NOTHING:
+                chosen[m] = word[1]
 
 
 @kernel(nogil=True)

@@ -478,7 +478,7 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
     problem: Any = SimpleNamespace(
         inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe=(), unsafe_along=unsafe_along
     )
-    table: Any = SimpleNamespace(problem=problem, tape_at=free_table().tape_at, normals=np.empty((0, 1)))
+    table: Any = SimpleNamespace(problem=problem, tape_at=free_table().tape_at, normals=free_table().normals)
 
     def looked_at(batch: Any, scores: Any, looks: Any, rows: Any) -> Any:
         return choose_by_true_sets(table, batch, rows, ends, scores, looks)
