@@ -333,6 +333,26 @@ def test_an_unsafe_set_within_a_subspace_stays_exact():
     assert projected.avoid(pursuer, 0).shape == (25, 7, 7, 7, 7)
 
 
+@pytest.mark.filterwarnings("ignore:no node is ever in danger:UserWarning")
+@pytest.mark.parametrize("method", ["hji", "lax"])
+@pytest.mark.parametrize(
+    ("begin", "rate", "met"),
+    [(0.5, 0.0, [True, True]), (1.5, 0.0, [False, False]), (1.6, 1.0, [False, True]), (0.5, -2.0, [True, False])],
+)
+def test_a_set_of_which_every_axis_is_dropped_is_everywhere_where_it_is_anywhere(method, begin, rate, met):
+    """At each step by itself: w >= begin - rate t, on the axis of the wind from -1 to 1."""
+    gale = UnsafeSet((1,), lambda p, t: begin - rate * t - p[:, 0], name="gale")
+    problem = replace(wind_problem(), unsafe=[gale], grid=Grid([-3.0, -1.0], [3.0, 1.0], [41, 9], ends="wall"))
+    if method == "lax":  # of velocities that do not depend on the state
+        problem = replace(problem, dynamics=Dynamics([[-1.0], [1.0]], [[-1.0, 0.0], [1.0, 0.0]], np.eye(2), [0.2, 0.3]))
+    table = solve_quietly(problem, Projected([(0,)], MONOTONE if method == "lax" else HJI()))
+    points = problem.grid.points()
+    assert [(table.hazards(points, step) > 0).all() for step in range(2)] == met
+    assert [(table.hazards(points, step) <= 0).all() for step in range(2)] == [not one for one in met]
+    grows = [table.fraction(start=step, within=1) > table.fraction(start=step, within=0) for step in range(2)]
+    assert grows == [not one for one in met]
+
+
 def test_a_subspace_with_all_axes_is_the_full_method():
     problem = zoo.chase(nodes=9)
     full = solve_quietly(problem)
