@@ -1,7 +1,6 @@
 """Graphs and their texts: what is simplified, what is linear, and what is refused."""
 
 import math
-import pickle
 import random
 import re
 
@@ -362,13 +361,6 @@ def test_a_long_formula_is_shown_whole():
 
 def abs_of_a_difference(k):
     return make("abs", make("sub", X, make("mul", constant(k + 2.0), Y)))
-
-
-def test_formulas_pickle():
-    formula = pytest.importorskip("sdhj.formulas.formula")
-    one = formula.Formula(tuple(sample()), 2, 1, (3,))
-    again = pickle.loads(pickle.dumps(one))
-    assert again.outputs == one.outputs and again.shape == (3,) and again.coordinates == 2
 
 
 @pytest.mark.parametrize(

@@ -888,6 +888,31 @@ REFUSED = [  # a call, what it says
 ]
 
 
+REFUSED += [  # numbers and sets of a problem
+    (lambda: replace(line(), delta=0.0), "delta"),
+    (lambda: replace(line(), delta=math.nan), "delta.*nan"),
+    (lambda: replace(line(), delta="0.1"), "delta.*'0.1'"),
+    (lambda: replace(line(), steps=0), "steps"),
+    (lambda: replace(line(), steps=2.5), "steps.*2.5"),
+    (lambda: replace(line(), steps=math.inf), "steps.*inf"),
+    (lambda: replace(line(), steps="many"), "steps.*many"),
+    (lambda: replace(line(), target="home"), "TargetSet.*None.*'home'"),
+    (lambda: replace(line(), unsafe=None), "sequence of UnsafeSet.*None"),
+    (lambda: replace(line(), unsafe=UnsafeSet((0,), wall)), "sequence of UnsafeSet"),
+    (lambda: replace(line(), unsafe=[UnsafeSet((0, 0), wall)]), "ascending"),
+    (lambda: replace(line(), target=TargetSet((1,), square)), "axes of 'target'"),
+    (lambda: with_target(lambda p, t: np.ones(len(p))), "wrong sign"),
+    (lambda: with_target(lambda p, t: np.log(p[:, 0] + 9.0) / p[:, 0]), "undefined or infinite.*at .*0.0"),
+    (lambda: with_target(lambda p, t: np.full(len(p), np.nan)), "undefined or infinite.*nan"),
+    (lambda: with_target(lambda p, t: np.zeros((len(p), 2))), "shape"),
+    *((lambda axes=axes: TargetSet(axes, square), "sequence of whole numbers") for axes in (0, (0.0,), "x")),
+    (lambda: TargetSet((0,), 0.3), "level set of 'target'"),
+    (lambda: TargetSet((0,), lambda p: p[:, 0]), "level set of 'target'"),
+    (lambda: UnsafeSet((0,), wall, wall), r"of \(points, t0, t1\)"),
+    (lambda: BlackBox(wall, rate="fast"), "fast"),
+]
+
+
 def writing(p, *others):
     """A level set that moves the points that it is given."""
     p -= 0.5
@@ -1097,6 +1122,9 @@ GRIDS = [  # what differs from a grid in the plane, what it says
     ({"periodic": ["no", True]}, r"periodic\[0\].*True or False.*'no'"),
     ({"periodic": [True, 0]}, r"periodic\[1\].*True or False.*0"),
     ({"names": 5}, "names.*sequence.*5"),
+    ({"shape": [4, 9]}, r"shape\[0\].* 5 .*4"),
+    ({"lower": [0] * 7, "upper": [1] * 7, "shape": [5] * 7}, "1 to 6"),
+    ({"periodic": [True]}, "periodic has 1"),
 ]
 SQUARE = {"lower": [0, 0], "upper": [1, 1], "shape": [9, 9]}
 REFUSED += [(lambda change=change: Grid(**SQUARE | change), said) for change, said in GRIDS]

@@ -90,20 +90,6 @@ def test_a_set_that_comes_and_goes_is_not_static():
     assert part.moving and found == pytest.approx([3.0, -0.3, -0.3, -0.3, 3.0], abs=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("steps", [1, 8, 200, 2000])
-def test_what_moves_for_a_while_is_met_among_many_steps(steps):
-    begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
-
-    def visit(p, t):
-        return np.where((begin < t) & (t < end), 1.0, 2.0) + 0.0 * p[:, 0]
-
-    part = on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps).unsafe[0]
-    met = [k for k in range(steps) if part.over(np.zeros((1, 1)), 0.1 * k, 0.1 * (k + 1), "swept")[0] < 1.5]
-    expected = [k for k in range(steps) if 0.1 * k < end and 0.1 * (k + 1) > begin]
-    assert part.moving and met == expected
-
-
 def test_a_moment_of_thousands_of_steps_is_met():
     def visit(p, t):
         return np.where((321.0401 < t) & (t < 321.0402), 1.0, 2.0) + 0.0 * p[:, 0]
@@ -180,14 +166,6 @@ def test_a_network_in_single_precision_is_taken(rng):
     problem = on_line(dynamics=moved_by(BlackBox(drift, rate=0.0)))
     assert problem.opaque == {"drift": "a BlackBox with rate"}
     assert sdhj.solve(problem, progress=False).contains([[0.0]], start=0, within=8).all()
-
-
-def test_compiled_functions_with_types_of_their_own_are_taken_as_black_boxes():
-    numba = pytest.importorskip("numba")
-    compiled = numba.njit("float64[:](float64[:, :], float64)")(lambda p, t: np.abs(p[:, 0]) - 1.0)
-    with pytest.raises(ValueError, match="read as a formula"):
-        TargetSet((0,), compiled)
-    assert TargetSet((0,), BlackBox(compiled)).level_set(np.array([[0.5]]), 0.0).tolist() == [-0.5]
 
 
 def test_rules_and_adversaries_read_only():

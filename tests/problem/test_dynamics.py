@@ -205,17 +205,6 @@ def test_what_velocities_depend_on(change, constant, stateless, timed, shared_ga
     assert found == (constant, stateless, timed, shared_gain) and dynamics.disturbance_dim == 1
 
 
-def test_an_interval_is_made_once_and_for_all_steps_where_nothing_depends_on_time():
-    still = problem_of(Dynamics([[1.0]], lambda points, u: points, [[1.0], [0.0]], [0.1]))
-    assert all(still.interval(step) is still.interval(0) for step in range(3))
-    timed = problem_of(tidal())
-    made = [timed.interval(step) for step in range(3)]
-    assert len(set(map(id, made))) == 3 and all(timed.interval(step) is made[step] for step in range(3))
-    np.testing.assert_allclose([i.begin for i in made], [0.0, 0.3, 0.6], rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose([i.end for i in made], [0.3, 0.6, 0.9], rtol=0, atol=ROUNDING)
-    assert made[2].delta == 0.3 and made[2].grid is timed.grid and made[2].dynamics is timed.dynamics
-
-
 READS = [  # dynamics on three axes; whether the velocity along axis i (row) depends on coordinate k (column)
     (lambda points, u: points[:, [1, 2, 2]], np.ones((3, 1)), [0.0], ["010", "001", "001"]),
     (lambda points, u: u[0] * points[:, [2, 0, 1]], np.ones((3, 1)), [0.1], ["001", "100", "010"]),
@@ -243,11 +232,6 @@ def test_which_coordinates_a_velocity_reads(drift, gain, bounds, expected):
         assert not any(expected[i][k] == "1" for i in closed for k in range(3) if k not in closed)
         smaller = [set(c) for n in range(len(closed)) for c in itertools.combinations(closed, n) if set(axes) <= set(c)]
         assert all(any(expected[i][k] == "1" for i in c for k in range(3) if k not in c) for c in smaller)
-
-
-def test_velocities_that_do_not_depend_on_the_state_read_nothing():
-    interval = problem_of(tidal()).interval(1)
-    assert not interval.dynamics.reads.any() and interval.self_contained((1,)) == (1,)
 
 
 def test_what_only_later_intervals_read_counts_for_the_avoid_game():
@@ -298,14 +282,6 @@ def test_extremes_are_those_of_all_vertices():
         velocities = drift + vertices @ np.array([[1.0, -2.0], [0.5, 1.0]]).T
         np.testing.assert_allclose(extremes[0, j], velocities.min(axis=0), rtol=0, atol=ROUNDING)
         np.testing.assert_allclose(extremes[1, j], velocities.max(axis=0), rtol=0, atol=ROUNDING)
-
-
-def test_a_slip_that_grows_with_speed_widens_the_boxes_of_fast_inputs():
-    dynamics = Dynamics([[0.0], [1.0], [2.0]], [[0.0], [1.0], [2.0]], [[1.0]], lambda q, u: 0.1 + 0.25 * np.abs(u))
-    problem = problem_of(dynamics, Grid([-2.0], [2.0], [9]))
-    low, high = problem.interval(0).reachable_boxes(np.zeros((3, 1)))
-    np.testing.assert_allclose((high - low)[0, :, 0] / 0.6, [0.1, 0.35, 0.6], rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(problem.interval(2).bounds(np.array([2, 0]), 0.0), [[0.6], [0.1]], rtol=0, atol=ROUNDING)
 
 
 def test_boxes_hold_a_push_that_grows_within_the_interval():
@@ -417,17 +393,6 @@ def test_a_car_turns_on_a_circle():
     for part in range(20):
         state = interval.advance(state, np.array([2]), v, part * t / 20, t / 20)
     np.testing.assert_allclose(state, start + np.array([[east + 0.1 * t, north - 0.05 * t, 2 * t]]), rtol=0, atol=1e-9)
-
-
-def test_each_run_moves_under_its_own_input():
-    interval = zoo.unicycle_problem().interval(0)
-    states = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 1.0]])
-    inputs = np.array([2, 0, 1])
-    together = interval.advance(states, inputs, np.zeros((3, 2)), 0.0, 0.1)
-    for m in range(3):
-        alone = interval.advance(states[m : m + 1], inputs[m : m + 1], np.zeros((1, 2)), 0.0, 0.1)
-        np.testing.assert_array_equal(together[m], alone[0])
-    assert together[0, 2] == pytest.approx(0.2) and together[1, 2] == pytest.approx(-0.2) and together[2, 2] == 1.0
 
 
 def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
@@ -558,14 +523,6 @@ def test_the_digest_follows_time_and_input():
     states = turning()
     assert problem_of(states).digest == problem_of(turning()).digest
     assert problem_of(states).digest != problem_of(turning(bounds=lambda q, u: [0.2 + abs(u[0]) / 2.01])).digest
-
-
-@pytest.mark.parametrize(
-    ("dynamics", "time_invariant"),
-    [(tidal(), False), (turning(), False), (tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]), True)],
-)
-def test_what_depends_on_time_is_told_apart(dynamics, time_invariant):
-    assert problem_of(dynamics).time_invariant is time_invariant
 
 
 # ---- velocities that the disturbance enters as it likes
@@ -798,14 +755,8 @@ def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
 
 @pytest.mark.parametrize(
     "make",
-    [
-        zoo.torus_problem,
-        lambda: problem_of(tidal()),
-        lambda: problem_of(turning()),
-        lambda: bent_problem("sine"),
-        lambda: opaque_car()[1],
-    ],
-    ids=["torus", "tidal", "turning", "sine", "black boxes"],
+    [lambda: bent_problem("sine"), lambda: opaque_car()[1]],
+    ids=["sine", "black boxes"],
 )
 def test_problems_pickle(make, rng):
     """Functions that nobody could pickle are not in them; black boxes are, if they can be."""

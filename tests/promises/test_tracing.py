@@ -417,17 +417,6 @@ def counts_written(p, t):
     return out
 
 
-def plain_room(p, t):
-    out = np.zeros(2)
-    out[0] = t
-    return p[:, 0] + out[0]
-
-
-def argument_written(p, t):
-    p[:, 0] = 0.0
-    return p[:, 1]
-
-
 def argument_increased(p, t):
     p += 1.0
     return p[:, 1]
@@ -462,14 +451,12 @@ class Place:
 
 DECISION, NUMBER = "a decision", "a plain number"
 KIND, LONG = "numbers of type|with an answer of", "differently"
-REFUSE = {
-    "if": (lambda p, t: p[:, 0] if t > 1 else p[:, 1], DECISION),
+REFUSE = {  # what is advised for more is in `test_advice`
     "dataclasses compared": (lambda p, t: p[:, 0] * (Place(p[:, 0]) == Place(p[:, 0] + t)), DECISION),
     "chained comparison": (lambda p, t: np.where(0 < p[:, 0] < 1, 1.0, 2.0), DECISION),
     "and": (lambda p, t: p[:, 0] > 0 and p[:, 1] > 0, DECISION),
     "builtin min": (lambda p, t: min(p[0, 0], 1.0) + p[:, 0], DECISION),
     "builtin max": (lambda p, t: max(0, t) + p[:, 0], f"{DECISION}.*np.maximum"),
-    "math": (lambda p, t: math.sin(t) + p[:, 0], f"{NUMBER}.*use np.sin"),
     "math trunc": (lambda p, t: math.trunc(t) + p[:, 0], NUMBER),
     "float": (lambda p, t: float(t) + p[:, 0], NUMBER),
     "round": (lambda p, t: round(t) + p[:, 0], NUMBER),
@@ -479,12 +466,7 @@ REFUSE = {
     "hash": (lambda p, t: p[:, 0] + {0.7: 1.0}.get(t, 2.0), DECISION),
     "range": (lambda p, t: p[:, 0] + sum(range(t)), NUMBER),
     "mask": (lambda p, t: p[p[:, 0] > 0][:, 0], r"mask.*np.where\(mask, x, out\)"),
-    "masked for masked": (lambda p, t: operator.setitem(p.copy(), p > 0, p[p > 0]), r"np.where\(mask, x, out\)"),
-    "sign of a zero": (lambda p, t: np.copysign(1.0, p[:, 0]), r"numpy.copysign; .* np.where\(b < 0, -abs"),
     "degrees of freedom": (lambda p, t: p.var(axis=1, ddof=1), "numpy.var with axis, ddof"),
-    "inverse of sinh": (lambda p, t: np.arcsinh(p[:, 0]), r"numpy.arcsinh; .*np.log\(x \+ np.sqrt\(x\*\*2 \+ 1\)\)"),
-    "sinc": (lambda p, t: np.sinc(p[:, 0]), r"numpy.sinc; .*np.where\(x != 0, np.sin"),
-    "average": (lambda p, t: np.average(p, axis=1), r"numpy.average.*; .*np.sum\(weights \* x"),
     "quotients written": (lambda p, t: np.divmod(p[:, 0], 0.3, out=(p[:, 0], p[:, 1]))[0], "divmod|more|too many|out"),
     "index": (lambda p, t: np.array([1.0, 2.0])[np.floor(p[:, 0])], "decision|conversion|index"),
     "written by a mask": (lambda p, t: operator.setitem(p.copy(), p[:, 0] > 0, 1.0), "writing where"),
@@ -497,7 +479,6 @@ REFUSE = {
     "matrix": (lambda p, t: (p * MATRIX)[:, 0], "matrix"),
     "masked": (lambda p, t: p[:, 0] + np.ma.array([1.0]), "MaskedArray"),
     "text constant": (lambda p, t: p[:, 0] == "a", "str"),
-    "single": (lambda p, t: p[:, 0].astype(np.float32), "to float32; formulas compute with float64"),
     "rounded counts": (lambda p, t: np.round((p > 0).sum(axis=1)) + p[:, 0], "numpy.round of int64"),
     "joined as text says": (lambda p, t: np.r_["-1", p[:, 0]], "a str in place of numbers"),
     "a plain array": (lambda p, t: np.vectorize(abs)(p[:, 0]), r"np.stack.*np.zeros\(\(len"),
@@ -526,12 +507,9 @@ REFUSE = {
     "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis"),
     "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), r"numpy.isnan; np.where\(divisor > 1e-3"),
     "divide where": (lambda p, t: np.divide(1.0, p[:, 0], where=p[:, 0] > 0), r"divide with where; np.where\(divisor"),
-    "piecewise": (lambda p, t: np.piecewise(p[:, 0], [p[:, 0] > 0], [1.0, 2.0]), "piecewise; np.select"),
     "nearest": (lambda p, t: p[:, 0] * p.argmin(axis=1), "attribute 'argmin' of an array; np.min and"),
     "vectorize": (lambda p, t: np.vectorize(lambda x: x + 1)(p[:, 0]), "conversion"),
-    "along an axis": (lambda p, t: np.apply_along_axis(np.sum, 1, p), "apply_along_axis"),
     "stack of different shapes": (lambda p, t: np.stack([p[:, 0], 0.0], axis=1)[:, 0], "shape; a .*; np.full_like"),
-    "list of different shapes": (lambda p, t: np.array([p[:, 0], 0.0]), "different shapes"),
     "interp of what is traced": (lambda p, t: np.interp(0.5, p[0], [1.0, 2.0]) + p[:, 0], "numpy.interp"),
     "interp with left": (lambda p, t: np.interp(p[:, 0], [0, 1], [1, 2], left=0.0), "numpy.interp with left"),
     "mean of all": (lambda p, t: p[:, 0] - p[:, 0].mean(), LONG),
@@ -556,7 +534,6 @@ REFUSE = {
     ),
     "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), ": expit"),
     "scipy distances": (lambda p, t: scipy.spatial.distance.cdist(p, [[0.0, 0.0]])[:, 0], "conversion"),
-    "solved": (lambda p, t: np.linalg.solve(TURN, p.T)[0], "numpy.linalg.solve; solve it by hand"),
     "vectorised by Numba": (lambda p, t: doubled(p[:, 0]), "compiled code; let it stand"),
     "memory": (lambda p, t: p[:, 0] * np.shares_memory(p, p.T), "shares_memory"),
     "strides": (lambda p, t: p[:, 0] * p.strides[0], "attribute 'strides'"),
@@ -572,8 +549,6 @@ REFUSE = {
     "tries shapes": (tries_shapes, "matmul|mismatch|ValueError"),
     "tries keywords": (tries_keywords, "numpy.sum"),
     "probes": (probes, "attribute 'flags'"),
-    "plain room": (plain_room, "plain number.*in place of"),
-    "argument written": (argument_written, "writing into an argument"),
     "argument increased": (argument_increased, "writing into an argument"),
     "view written": (view_written, "writing into an argument"),
     "compiled": (compiled, "compiled code.*py_func"),
@@ -692,13 +667,6 @@ def test_formulas_are_called_with_all_that_they_read():
         nodes_of(lambda p, t: gridded([0.0, 1.0], [0.0], [1.0])(p[:, 0]))
     with pytest.raises(ValueError, match="disk is a function"):
         nodes_of(lambda p, t: disk(p[:, :1], t))
-
-
-def test_constants_that_change_later_change_nothing():
-    centre = np.array([1.0, 2.0])
-    nodes = nodes_of(lambda p, t: p[:, 0] - centre[0])
-    centre[:] = 9.0
-    assert graphs.values(nodes, [[0.0, 0.0]], [0.0]) == -1.0
 
 
 def test_rows_equal_no_other_length():
