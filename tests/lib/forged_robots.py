@@ -282,7 +282,6 @@ def hidden(*, pace=0.0, **declared):
 
 
 WIND = sdhj.gridded(np.eye(5) * 0.2, [-2.0, -2.0], [1.0, 1.0])
-AWAY = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5)
 
 
 def plane(radius=0.3, **dynamics):
@@ -979,29 +978,17 @@ FORGERIES |= {
     "head: jitter": Forgery("line", "jitter ", head(lambda told: told.update(sensing={"jitter": 0.3}))),
 }
 
-TEXTS: dict[str, tuple[list[Any], str]] = {
-    "a later line": (["x 0", "neg 2", "return 1"], "unsafe 0: an operand"),
-    "another coordinate": (["x 2", "return 0"], "a coordinate must"),
-    "operands": (["x 0", "add 0", "return 1"], "add must have 2 operands"),
-    "a decimal": (["const 1.5", "return 0"], "must be hexadecimal"),
-    "no result": (["x 0", "x 0"], "the last line must"),
-    "no text": ([7, "return 0"], "a line must"),
-    "no list": ("return 0", "list of at most"),
-    "a truth that is none": (["x 0", "not 0", "return 1"], "given truth values"),
-    "a table backwards": (
-        ["x 0", "x 0", "gridded 0 0 1 lower 0x0p+0 0x0p+0 spacing -0x1p+0 0x1p+0", "return 2"],
-        "`spacing` above 0",
+
+def says(*lines: str) -> Callable[[Told, Any], None]:
+    return head(lambda told: told["formulas"]["functions"]["unsafe 0"].update(lines=list(lines)))
+
+
+FORGERIES |= {  # of a text by itself `check/test_formulas.py` has more
+    "text: a later line": Forgery("plane", "unsafe 0: an operand", says("x 0", "neg 2", "return 1")),
+    "text: a table of more axes": Forgery(
+        "windy", "axis for each operand", says("x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0", "return 1")
     ),
 }
-
-
-def says(text: Any) -> Callable[[Told], Any]:
-    return lambda told: told["formulas"]["functions"]["unsafe 0"].update(lines=text)
-
-
-FORGERIES |= {f"text: {name}": Forgery("plane", said, head(says(text))) for name, (text, said) in TEXTS.items()}
-OF_ONE_AXIS = ["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0", "return 1"]
-FORGERIES["text: a table of more axes"] = Forgery("windy", "axis for each operand", head(says(OF_ONE_AXIS)))
 
 
 # ---- forgeries that a reading of the checker brought

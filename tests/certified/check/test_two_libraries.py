@@ -19,16 +19,7 @@ def assigned(p, t):
 WIND = sdhj.gridded(np.arange(60.0).reshape(5, 4, 3) % 7, [-2.0, -2.0, -2.0], [1.0, 1.5, 2.0])
 FUNCTIONS = {
     "disk": lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1] - 0.8) - 0.4,
-    "norm": lambda p, t: np.linalg.norm(p - [0.1, 0.2, 0.3], axis=1) - 1.0,
-    "box": lambda p, t: np.max(np.maximum(-1.0 - p, p - [1.0, 0.5, 2.0]), axis=1),
     "where": lambda p, t: np.where(p[:, 0] > 0.5, np.sin(p[:, 1]) ** 2, p[:, 2] ** 3 - p[:, 1] * p[:, 0]),
-    "wrapped": lambda p, t: np.abs((p[:, 0] + np.pi) % (2 * np.pi) - np.pi) - 0.3,
-    "masks": lambda p, t: np.max(np.abs(p), axis=1) * ((p[:, 1] < 0) | ~(p[:, 0] <= 1)),
-    "matrix": lambda p, t: (p @ np.array([[1.0, 2.0], [3.0, -1.0], [0.0, 0.3]])).sum(axis=1),
-    "angle": lambda p, t: np.arctan2(p[:, 1], p[:, 0]) + np.arctan(p[:, 2]) * t,
-    "bump": lambda p, t: np.exp(-(p**2).sum(axis=1)) / (1 + p[:, 2] ** 2) + np.clip(p[:, 0], -1, 1),
-    "stacked": lambda p, t: np.min([p[:, 0] - k * np.cos(p[:, 1] - t) for k in range(4)], axis=0),
-    "tangent": lambda p, t: p[:, 2] * np.tan(p[:, 1] / 3) + np.sqrt(np.abs(p[:, 0])) + np.cos(4 * p[:, 0]),
     "other": lambda p, t: np.tanh(p[:, 0]) + np.log(5 + p[:, 1]) + np.arcsin(p[:, 2] / 4) + np.floor(p[:, 0]),
     "table": lambda p, t: WIND(p) - 2.0,
     "assigned": assigned,
