@@ -96,6 +96,7 @@ CASES = {
         lambda: remembering(digest_cases.tide(turning=True), 0.02),
         sdhj.Certified(cells=(32, 24), parts=3),
     ),
+    "current, remembering": (lambda: remembering(forged_robots.tide(), 0.02), sdhj.Certified(cells=(120,), parts=2)),
     "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 9, 9), parts=4)),
 }
 FINER = {
