@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
     """A folder with a new robot, its certified table, and nothing else that the commands could need."""
     folder = tmp_path_factory.mktemp("robot")
     fine("new", folder / "car.py")
-    options = "--method", "certified", "--cells", "40,40,42", "-o", folder / "car.npz"
+    options = "--method", "certified", "--cells", "30,30,32", "-o", folder / "car.npz"
     assert "target reachable from" in fine("solve", f"{folder / 'car.py'}:problem", *options)
     (folder / "car.py").rename(folder / "away.txt")
     return folder

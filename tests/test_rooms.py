@@ -1,4 +1,4 @@
-"""The shape of the house: where imports may stand and point, and where compiled code lies."""
+"""The shape of the house: where imports may stand and point."""
 
 import ast
 import tomllib
@@ -13,7 +13,6 @@ PACKAGE = ROOT / "sdhj"
 FILES = sorted(PACKAGE.rglob("*.py"))
 # Rooms whose extra may not be installed: alone these may be imported inside a function.
 OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["sdhj"]["optional"]
-COMPILERS = {"kernel", "njit"}
 
 
 @cache
@@ -85,15 +84,3 @@ def test_kernels_import_nothing_of_the_rest() -> None:
         own = {name for node in ast.walk(tree(path)) for name in imported(node) if is_own(name)}
         own -= {"sdhj.common.remembering", *(f"sdhj.common.remembering.{name}" for name in ("FloatArray", "read_only"))}
         assert all(name == "sdhj.kernels" or name.startswith("sdhj.kernels.") for name in own), path.name
-
-
-def test_compiled_code_lies_with_the_kernels() -> None:
-    for path in FILES:
-        compiled = [one.name for one in functions(tree(path)) if decorators(one) & COMPILERS]
-        assert not compiled or PACKAGE / "kernels" in path.parents, f"{path.name}: {compiled}"
-
-
-def decorators(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
-    return {
-        ast.unparse(one.func if isinstance(one, ast.Call) else one).split(".")[-1] for one in function.decorator_list
-    }

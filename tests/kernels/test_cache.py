@@ -9,6 +9,7 @@ package, has a decorator of its own for its folder).
 import ast
 import importlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -48,9 +49,14 @@ def faults(source: str) -> list[str]:
 
 @pytest.mark.slow
 def test_everything_is_compiled_by_the_decorator_that_watches_the_package() -> None:
-    """But for the two files that make the decorators."""
-    found = {path: faults((PACKAGE / path).read_text(encoding="utf-8")) for path in FILES}
+    """But for the two files that make the decorators; and in its folder."""
+    texts = {path: (PACKAGE / path).read_text(encoding="utf-8") for path in FILES}
+    found = {path: faults(text) for path, text in texts.items()}
     assert {path for path, its in found.items() if its} == MAKERS, found
+    compiled = {
+        path.parts[0] for path, text in texts.items() if re.search(r"^ *@(kernel|inlined)\b", text, re.MULTILINE)
+    }
+    assert compiled == {"kernels"}
 
 
 @inlined

@@ -24,10 +24,10 @@ BITS = ("less", "lesseq", "equal", "and", "or", "not", "where")
 def test_values_are_as_good_as_promised(op):
     """Against decimals of 110 digits, at random arguments of many sizes and near zeros of sine and cosine."""
     rng = np.random.default_rng(1)
-    points = rng.normal(size=(3000, tapes.arity(op))) * 10.0 ** rng.integers(-3, 3, (3000, 1))
-    points[:500, 0] = np.round(rng.uniform(-4e7, 4e7, 500)) * (math.pi / 2)
-    points[500:1000] = rng.uniform(0.0, 1.0, (500, tapes.arity(op)))
-    points[1000:1500] = np.abs(points[1000:1500])
+    points = rng.normal(size=(900, tapes.arity(op))) * 10.0 ** rng.integers(-3, 3, (900, 1))
+    points[:150, 0] = np.round(rng.uniform(-4e7, 4e7, 150)) * (math.pi / 2)
+    points[150:300] = rng.uniform(0.0, 1.0, (150, tapes.arity(op)))
+    points[300:450] = np.abs(points[300:450])
     worst = 0.0
     for point, value in zip(points, tapes.values(tapes.of_one(op), points)[0], strict=True):
         if np.isfinite(value) and abs(value) > 1e-300:
@@ -40,7 +40,7 @@ def test_intervals_hold_what_is_exact(op, n):
     """Of every point: exact results and our own values; an undefined one makes the interval undefined."""
     rng = np.random.default_rng(2)
     tape = tapes.of_one(op, n)
-    low, high = tapes.awkward_boxes(op, rng, 700)
+    low, high = tapes.awkward_boxes(op, rng, 200)
     found = tapes.bounds(tape, low, high)[:, 0]
     assert (np.isnan(found[0]) == np.isnan(found[1])).all() and not np.isinf(found).any()
     assert 0.05 < np.isfinite(found[0]).mean()
