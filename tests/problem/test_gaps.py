@@ -162,12 +162,6 @@ def test_gaps_stay_open(method: Any, nodes: int, most: float) -> None:
     assert wrong < most and missed < 1e-3
 
 
-def test_differences_fill_them() -> None:
-    """So the shift is what keeps them open; also where it cannot be used, as the drift depends on the state."""
-    for table in (sdhj.solve(line(321), FIXED), sdhj.solve(line(321, drift=lambda q, u: u + 0.001 * q))):
-        assert wrong_and_missed(table, exact(7))[0] > 0.15
-
-
 @pytest.mark.parametrize(("method", "nodes"), [("hji", 81), ("hji", 161), (Joint(), 81), ("lax", 81)], ids=str)
 def test_thin_gaps_stay_open_under_a_push_of_many_cells(method: Any, nodes: int) -> None:
     """Gaps of 2.5 cells and a push of 7.5: by differences alone .5125 of the axis would be held for .375."""
@@ -216,12 +210,6 @@ def test_ends_against_plain_loops(case: str) -> None:
     assert nodes_past_ends(Samples(problem), (0,)) > (0,)
     wrong, missed = wrong_and_missed(sdhj.solve(problem), truth)
     assert wrong < (0.012 if case == "driven to a wall with an obstacle" else 0.003) and missed < 0.003
-
-
-def test_at_a_wall_the_disturbance_pushes_before_the_wall_ends_the_way() -> None:
-    """If the shift were ended at the wall first, .2532 would be left of .3600."""
-    table = sdhj.solve(line(321, push=0.2, target=lambda x: x + 1.96, ends="wall"))
-    assert np.mean(table.contains(X[:, None])) > 0.358
 
 
 def beside_a_wall(nodes: tuple[int, int], pushes: Any, inputs: Any = ((-1.0, 0.0),)) -> ReachAvoidProblem:
@@ -280,12 +268,6 @@ def test_where_the_frame_does_not_move() -> None:
     assert shifted([[0.3, 1.0], [0.0, 0.0]], ((0.1, 0.0),))  # both move the one axis only
 
 
-def test_the_frame_goes_no_farther_past_an_end_than_it_has_to() -> None:
-    few, many = nodes_past_ends(Samples(line(321)), (0,)), nodes_past_ends(Samples(line(321, push=30.0)), (0,))
-    assert few == (1 + 4,) and many == (20 + 4,)  # cells of the push, and of the drift; four for errors of the scheme
-    assert nodes_past_ends(Samples(line(321, inputs=(0.0,))), (0,)) == (0,)
-
-
 # ---- what a solve says
 
 
@@ -314,7 +296,7 @@ def test_gaps_that_the_grid_fills_are_said_and_the_advice_is_right() -> None:
 
 @pytest.mark.usefixtures("solves_are_played")
 @pytest.mark.parametrize(
-    ("method", "nodes", "enough"), [("hji", 41, 257), ("lax", 41, 257), (FIXED, 81, 513), (FIXED, 161, 513)], ids=str
+    ("method", "nodes", "enough"), [("hji", 41, 257), ("lax", 41, 257), (FIXED, 161, 513)], ids=str
 )
 def test_thin_gaps_are_said_and_the_advice_is_right(method: Any, nodes: int, enough: int) -> None:
     """Though the disturbance pushes many cells."""
@@ -396,16 +378,3 @@ def test_gaps_along_some_axes_of_a_robot_that_turns() -> None:
         line(161, inputs=(0.5, 1.0), target=parts), True
     )
     assert gaps_advice(line(161, target=None, unsafe=lambda x: x - 1.0), shifted=True) == ""
-
-
-def test_what_leaks_at_unsafe_ends_by_differences_and_by_shifts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """|x| < 1 m loses 0.01 m a step, a fifth of a cell: after 30 steps it is |x| < 0.7 m; gusts are the stronger."""
-    x, wrong = np.linspace(-1, 1, 20_001), []
-    problem = zoo.line((-0.1, 0.1, 0.0), 0.12, grid=Grid([-1], [1], [41], ends="unsafe"), target=None, steps=30)
-    assert not HJIGames(Samples(problem), Scheme()).shifted
-    for shifted in (False, True):
-        monkeypatch.setattr(HJIGames, "moving_frame", property(lambda _, it=shifted: it))
-        told = sdhj.solve(problem, play=False).contains(x[:, None])
-        assert told[np.abs(x) < 0.7].all()
-        wrong.append(np.mean(told & (np.abs(x) > 0.7)))
-    assert wrong == pytest.approx([0.067, 0.057], abs=0.001)

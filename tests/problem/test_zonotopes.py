@@ -251,23 +251,6 @@ def states_of(table, rng, count=4000):
     return states[batch.steps_to_go > 0], batch.safe[batch.steps_to_go > 0], batch
 
 
-CASES = {
-    "gust": gust,
-    "gust, fine": lambda: gust(nodes=121),
-    "octagon": octagon,
-    "octagon, fine": lambda: octagon(nodes=(161, 121)),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["hji", "lax"])
-@pytest.mark.parametrize("name", ["gust", "gust, fine", "octagon", "octagon, fine"])
-def test_few_states_are_without_a_safe_input(rng, name, method):
-    """At most 3 % beyond the target, where boxes had 79 % and 94 %; of thousands: .3 % is one deviation."""
-    _, safe, _ = states_of(solved(CASES[name](), method), rng, 40_000)
-    assert len(safe) > 2000 and np.mean(~safe.any(axis=1)) <= 0.03
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["hji", "lax"])
 @pytest.mark.parametrize(("sides", "turn"), [(6, 0.0), (6, 0.4), (10, 0.0)])
@@ -299,10 +282,10 @@ def test_who_has_no_safe_input_for_n_steps_nearly_always_has_one_for_one_more(rn
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gust", "octagon"])
-def test_margins_are_the_largest_values_that_can_be_brought_about(rng, name):
+@pytest.mark.parametrize("make", [gust, octagon])
+def test_margins_are_the_largest_values_that_can_be_brought_about(rng, make):
     """At a fine net of points of the set none is larger by more than what a quarter of a cell is worth."""
-    problem = CASES[name]()
+    problem = make()
     table, (drift, gain, bounds) = solved(problem, "lax"), problem.dynamics.arrays
     states, _, _ = states_of(table, rng, 800)
     states = states[:60]

@@ -1,6 +1,7 @@
 """Maps and polygons: against brute-force distances, what they claim of slope and bounds, files good and bad."""
 
 import io
+import itertools
 import math
 import os
 import socket
@@ -260,8 +261,10 @@ def test_bad_files_are_named(written: Callable[..., Path], changes: dict[str, st
         UnsafeSet.from_map(written(**changes))
 
 
-@pytest.mark.parametrize("negate", ["0", "false", "No", "off", "'0'"])
-@pytest.mark.parametrize("side", ["1e-1", "0.1", "'0.1'", "!!python/name:os.system 0.1", "&a .1"])
+@pytest.mark.parametrize(
+    ("side", "negate"),
+    [("1e-1", "0"), ("0.1", "false"), ("'0.1'", "No"), ("!!python/name:os.system 0.1", "off"), ("&a .1", "'0'")],
+)
 def test_numbers_are_those_of_today_s_yaml(written: Callable[..., Path], negate: str, side: str) -> None:
     """To YAML 1.1, which PyYAML reads, 1e-1 is a word."""
     points = np.array([[0.55, -0.05], [0.5, 0.5], [-1.0, 0.3]])
@@ -276,7 +279,6 @@ PICTURES = {
     "empty": (b"", "cannot identify"),
     "short": (b"P5\n4 4\n255\n12", "16 bytes.*4 x 4 pixels.* 2 "),
     "a pixel more": (binary_pgm(flat()) + b"\n", "768 bytes.*769"),
-    "Git's line ends": (binary_pgm(flat()).replace(b"\n", b"\r\n"), r"769.*\.gitattributes"),
     "line ends of noise": (binary_pgm(NOISE).replace(b"\n", b"\r\n"), "bytes.*header"),
     "line ends without returns": (binary_pgm(np.tile([13, 10], (4, 4))).replace(b"\r\n", b"\n"), " 16 "),
     "a pixel less of 16 bits": (binary_pgm(flat() * 257.0, 65535)[:-2], "1,536 bytes"),
@@ -339,8 +341,13 @@ def test_hostile_texts_are_refused_in_a_line_within_a_second(written: Callable[.
         UnsafeSet.from_map(path)
 
 
-@pytest.mark.parametrize("kind", ["fifo", "folder", "zero", "null", "socket", "sparse", "name", "dead link", "memory"])
-@pytest.mark.parametrize("part", ["yaml", "image"])
+@pytest.mark.parametrize(
+    ("kind", "part"),
+    [
+        *((kind, "yaml") for kind in ("folder", "zero", "null", "socket", "name", "dead link", "memory")),
+        *itertools.product(("fifo", "sparse"), ("yaml", "image")),
+    ],
+)
 def test_what_is_no_file_is_refused_at_once(written: Callable[..., Path], tmp_path: Path, kind: str, part: str) -> None:
     """A pipe would be waited for, a device read for ever."""
     path = tmp_path / "other"
@@ -522,8 +529,6 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
     (tmp_path / "list.yaml").write_text("- 1\n")
     with pytest.raises(ValueError, match=r"list\.yaml.*it has no keys"):
         UnsafeSet.from_map(tmp_path / "list.yaml")
-    with pytest.raises(ValueError, match="read from the map's"):
-        UnsafeSet.from_map(written(), resolution=0.1)
     with pytest.raises(ValueError, match=r"map\.yaml' is free"):
         UnsafeSet.from_map(written(binary_pgm(np.zeros((4, 4)))))
     with pytest.raises(ValueError, match="map 'office' is free"):
