@@ -2,7 +2,7 @@
 
     pip install -e '.[bench]' && python tests/make_air3d.py
 
-writes tests/data/air3d.npz, with which tests/figures/test_safety_examples.py compares where the peer is not installed.
+writes tests/data/air3d.npz, with which tests/figures/test_safety_examples.py compares.
 """
 
 from pathlib import Path

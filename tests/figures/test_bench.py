@@ -6,7 +6,6 @@ import bench
 import first
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import sdhj
 from sdhj.kernels import compiling
@@ -115,21 +114,6 @@ def test_the_first_answer_compiles_few_kernels():
     assert sum(whole for _, whole, _ in kernels.values()) <= 9 and sum(row[2] for row in kernels.values()) <= 165
     assert all(row[1] + row[2] <= 6 for name, row in kernels.items() if not name.startswith("numba."))
     assert set(found["steps"]) == {"problem", "solve", "runs", "select"} and found["steps"]["select"] < 1.0
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--nodes", "many"], "many"),
-        (["--nodes", "15,7"], "nodes"),
-        (["--repeats", "0"], "repeats"),
-        (["-o", "."], "name a file"),
-        (["-o", "x.txt"], "x.txt must end in"),
-    ],
-)
-def test_command_refuses_in_one_line(options, said):
-    result = CliRunner().invoke(bench.main, ["--no-peer", *options])
-    assert result.exit_code == 2 and said in result.output and "Traceback" not in result.output
 
 
 def test_a_printed_report_is_read_back():

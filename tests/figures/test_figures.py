@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import fig04_sampled_data
 import fig14_timing
@@ -163,15 +162,3 @@ def test_a_script_writes_its_figure_and_the_gallery_shows_it_small(tmp_path, mon
         assert image.width == shrink.WIDTH
         assert "nodes" not in image.info and computed.info["nodes"] == "9"
     assert 5000 < small.stat().st_size < 40_000
-
-
-@pytest.mark.parametrize(
-    ("options", "said"), [(["--nodes", "3"], "from 5 to"), (["--out", "blocked/inside"], "choose a folder")]
-)
-def test_a_script_refuses_in_one_line(tmp_path, monkeypatch, options, said):
-    monkeypatch.chdir(tmp_path)
-    Path("blocked").touch()
-    result = CliRunner().invoke(command_of("fig09_spaces.py"), options)
-    assert result.exit_code == 2
-    assert said in result.output and "Traceback" not in result.output
-    assert len(result.output.strip().splitlines()) == 1

@@ -27,7 +27,7 @@ import pytest
 
 from sdhj.common.showing import LINE
 from sdhj.kernels import compiling
-from sdhj.kernels.compiling import choice, chosen, inlined, kernel
+from sdhj.kernels.compiling import kernel
 
 PACKAGE = Path(__file__).parents[2] / "sdhj"
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "stencil", "cfunc", "overload", "register_jitable"}
@@ -57,45 +57,6 @@ def test_everything_is_compiled_by_the_decorator_that_watches_the_package() -> N
         path.parts[0] for path, text in texts.items() if re.search(r"^ *@(kernel|inlined)\b", text, re.MULTILINE)
     }
     assert compiled == {"kernels"}
-
-
-@inlined
-def weighted(rest, total, weights):
-    """total + sum of the products of two tuples."""
-    if len(rest) == 0:
-        return total
-    return weighted(rest[1:], total + rest[0] * weights[0], weights[1:])
-
-
-@inlined
-def half(x, y):
-    return (x + y) / 2
-
-
-@inlined
-def larger(x, y):
-    return max(x, y)
-
-
-TABLE = {"mean": half, "maximum": larger}
-combined = chosen(TABLE)
-
-
-@kernel()
-def weighted_then_combined(a, b, weights, place):
-    return combined(place, weighted(a, 0.0, weights), weighted(b, 0.0, weights))
-
-
-@pytest.mark.slow
-def test_tuples_are_unrolled_and_functions_chosen_when_compiling() -> None:
-    """Tuples of any length and mixed types, compiled and as plain Python."""
-    for a, b, weights in (((1, 2.5), (3, 4), (2.0, 1)), ((1.5, 2, 3.0, 4), (0, 1, 0.5, 2), (4, 3, 2, 1))):
-        x, y = (float(np.dot(v, weights)) for v in (a, b))
-        for name, expected in (("mean", (x + y) / 2), ("maximum", max(x, y))):
-            for call in (weighted_then_combined, getattr(weighted_then_combined, "py_func", weighted_then_combined)):
-                assert call(a, b, weights, choice(TABLE, name)) == expected
-    with pytest.raises(ValueError, match="not in list"):
-        choice(TABLE, "minimum")
 
 
 def run(code: str, folder: Path, **changed: str) -> str:

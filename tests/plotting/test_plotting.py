@@ -8,7 +8,6 @@ import pytest
 import shapely
 import zoo
 from artists import axes, named, vertices
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from zoo import torus_problem, unicycle_problem
@@ -181,12 +180,6 @@ def test_a_path_is_cut_at_the_seam():
         assert np.allclose(inside, grid.wrapped(states)[:, :2])
 
 
-def test_a_path_on_bounded_axes_is_itself():
-    grid = sdhj.Grid([-1, -1], [1, 1], [5, 5])
-    states = np.array([[-0.9, 0.0], [0.9, 0.5]])
-    assert np.array_equal(slices.unwrapped(grid, states), states)
-
-
 # ---- workspace
 
 
@@ -263,16 +256,6 @@ def test_a_moment_of_a_run(table, run, share):
 
 
 # ---- style and files
-
-
-def test_colours_read_in_grey():
-    luma = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709
-    lightness = np.array(looks.step_colours(8))[:, :3] @ luma
-    assert (np.diff(lightness) > 0.02).all()
-    full, inner = (luma @ to_rgb(look["facecolor"]) for look in (looks.FULL_LOOKS, looks.INNER_LOOKS))
-    assert full - inner > 0.3
-    assert looks.UNSAFE_LOOKS["hatch"] and not looks.TARGET_LOOKS["hatch"]
-    assert looks.look("something new") is looks.UNSAFE_LOOKS
 
 
 def picture() -> Figure:

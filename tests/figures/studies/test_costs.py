@@ -89,10 +89,3 @@ def test_the_maze_is_played_and_drawn(tmp_path):
     done = CliRunner().invoke(costs.main, ["maze", "--repeats", "1", "-o", str(tmp_path / "maze.png")])
     assert done.exit_code == 0, done.output
     assert "of 2,000 runs 2,000 reached" in done.stdout and (tmp_path / "maze.png").stat().st_size > 10_000
-
-
-def test_what_cannot_be_asked_for_is_refused(tmp_path):
-    done = CliRunner().invoke(costs.main, ["stored", "train"])
-    assert done.exit_code == 2 and "stored has case study, case study, finer" in done.output
-    done = CliRunner().invoke(costs.main, ["stored", "-o", str(tmp_path / "stored.png")])
-    assert done.exit_code == 2 and "only of the maze" in done.output

@@ -79,8 +79,3 @@ def test_the_table_and_the_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     full, inner = (float(row[4]) for row in rows)
     assert 0.3 < inner < full < 0.9 and [row[5] for row in rows] == ["300", "300"]
     assert picture.read_bytes().startswith(b"\x89PNG") and (tmp_path / "arm").is_dir()
-
-
-def test_a_picture_of_full_tables_alone_is_refused(tmp_path: Path) -> None:
-    done = CliRunner().invoke(main, ["--full-only", "-o", str(tmp_path / "large.png")])
-    assert done.exit_code == 2 and "--full-only" in done.output and "Traceback" not in done.output
