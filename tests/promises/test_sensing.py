@@ -13,6 +13,8 @@ import zoo
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, Sensing, TargetSet, UnsafeSet
+from sdhj.simulation.outcomes import COLLIDED, REACHED
+from sdhj.simulation.sensed import Runs
 from sdhj.table.beside import predicted
 from sdhj.table.files import read_head
 
@@ -343,6 +345,38 @@ def test_who_collides_before_the_next_measurement_or_behind_it_has_collided(dela
     report = sdhj.monte_carlo(Controller(table), runs=300, adversary="none", progress=False)
     collided = np.array(sdhj.simulation.outcomes.OUTCOMES)[report.outcomes] == "collided"
     np.testing.assert_array_equal(collided, report.starts[:, 0] <= 0.34)
+
+
+@pytest.mark.parametrize(("when", "share"), [(0.15, 1 / 3), (0.0, 0.0)])
+def test_who_begins_in_a_set_has_collided_at_the_time_when_he_begins(when, share):
+    """A delay after time 0, and by a clock that is off early in a third of the runs."""
+    flash = UnsafeSet((0,), lambda p, t: np.where(np.abs(t - when) < 1e-6, np.abs(p[:, 0] - 0.5) - 0.2, 1.0))
+    problem = zoo.line([0.0, 1.0], 0.0, target=TargetSet((0,), lambda p, t: 2.0 - p[:, 0]), lower=[-1.0], upper=[3.0])
+    problem = replace(problem, sensing=Sensing(delay=0.2, jitter=0.05), steps=6)
+    table = replace(sdhj.solve(problem, progress=False, play=False), problem=replace(problem, unsafe=[flash]))
+    report = sdhj.monte_carlo(Controller(table), runs=800, adversary="random", progress=False)
+    there, collided = np.abs(report.starts[:, 0] - 0.5) <= 0.2, report.outcomes == COLLIDED
+    assert not collided[~there].any() and there.sum() > 50
+    assert abs(collided[there].mean() - share) <= (0.2 if share else 0.0)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_run_is_over_where_the_robot_knows_that_it_has_arrived(side):
+    """In the target, and measured in it by so much as an error may be: 0.05 m twice."""
+
+    class Beside:
+        def __call__(self, moment):
+            return np.zeros_like(moment.previous)
+
+        def mislead(self, sight):
+            return np.full(sight.states.shape, side) * sight.box
+
+    controller = Controller(interval_tables(Sensing(0.05, memory=False))[0])
+    states = np.linspace(-1.095, 1.095, 40)[:, None]
+    runs = Runs(controller, states, Beside(), np.random.default_rng(0), controller.problem.sensing, None, False)
+    left = runs.end_reached(0, False)
+    known = (np.abs(states[:, 0]) <= 1.0) & (np.abs(states[:, 0] + side * 0.05) <= 0.95)
+    assert np.array_equal(runs.outcomes == REACHED, known) and np.array_equal(left, np.flatnonzero(~known))
 
 
 def test_an_adversary_of_ones_own_and_what_it_may_not():

@@ -199,6 +199,22 @@ def test_each_run_is_pushed_as_its_own_input_allows(rng: np.random.Generator) ->
         assert scores[played] == pytest.approx(max(scores), abs=1e-12)
 
 
+def test_an_interval_ends_when_that_is_worst() -> None:
+    """Of a tube from which the state is led away late, of one to which it is led early; of equals at the earliest."""
+    problem = replace(zoo.interval_problem(), sensing=sdhj.Sensing(jitter=0.1))
+    controller = Controller(sdhj.solve(problem, progress=False, play=False))
+    inputs = np.array([int(np.flatnonzero(problem.inputs[:, 0] == one)[0]) for one in (1.0, -1.0, 0.0)])
+    for name in ("worst", "greedy", "aggressive"):
+        for way, expected in ((1.0, [1, -1]), (-1.0, [-1, 1])):
+            seen = moment(
+                controller, np.zeros((3, 1)), inputs=inputs, tube=lambda points, way=way: way * points[..., 0]
+            )
+            assert ADVERSARIES[name].shift(seen)[:2].tolist() == expected
+        calm = replace(problem, dynamics=problem.dynamics.undisturbed())
+        assert ADVERSARIES[name].shift(replace(seen, problem=calm))[2] == -1
+    assert ADVERSARIES["none"].shift(seen).tolist() == [0, 0, 0]
+
+
 def test_random_stays_within_a_box_that_shrinks() -> None:
     """From a bound of 0.4 to 0.28 within the first interval: what was drawn is kept as far as the box allows."""
     run = simulate(slipping_controller(), [-2.4, 0.3], "random", seed=2)

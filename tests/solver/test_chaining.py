@@ -38,11 +38,16 @@ def test_the_way_to_a_tube_and_on_is_the_tube_of_the_whole_way(method, rate):
     assert grown
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.1])
 @pytest.mark.parametrize("method", ["hji", CERTIFIED])
-def test_the_target_is_empty_between_the_samples_and_after_the_last(method):
-    table = sdhj.solve(interval_problem(steps=3, rate=-0.3), method, progress=False)
+def test_the_target_is_empty_between_the_samples_and_after_the_last(method, delay):
+    """With a delay the inputs of a step begin so much later, and of these times tubes are."""
+    problem = dataclasses.replace(interval_problem(steps=3, rate=-0.3), sensing=sdhj.Sensing(delay=delay))
+    table = sdhj.solve(problem, method, progress=False)
     target, points = sdhj.TargetSet.from_table(table), np.array([[0.03], [0.85], [3.9], [9.0]])
-    for t, expected in ((0.5, [True, True, False, False]), (1.5, [True, True, False, False]), (0.25, []), (2.0, [])):
+    here = [True, True, False, False]
+    for t, expected in ((0.5, here), (1.5, here), (0.25, []), (2.0, []), *[(0.5 - delay, [])] * (delay > 0)):
+        t += delay
         inside = target.level_set(points, t) <= 0
         assert inside.tolist() == (expected or [False] * 4)
         if method is CERTIFIED:

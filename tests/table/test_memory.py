@@ -204,6 +204,21 @@ def test_what_is_remembered_where_intervals_may_be_shorter_or_longer(error, push
     assert table.next_points(np.full((2, 1), -0.5), np.full(2, forth), 0, far)[1].all()
 
 
+@pytest.mark.parametrize("method", [sdhj.HJI(), sdhj.HopfLax(), sdhj.Certified(cells=[400])], ids=lambda one: one.name)
+def test_a_prediction_is_as_far_off_as_two_errors_explain(method):
+    """That of the point carried on and its own, 0.05 m each; and the state is 0.4 to 0.6 m on."""
+    problem = replace(zoo.interval_problem(nodes=41), sensing=sdhj.Sensing(0.05))
+    table = sdhj.solve(problem, method, progress=False, play=False)
+    point, forth = np.array([[-0.501]]), np.array([int(np.argmax(problem.inputs[:, 0]))])
+    for way in (-1.0, 1.0):
+        (end,), lost = table.next_points(point, forth, 0, np.array([[-0.001 + way * 0.17]]))
+        assert not lost and abs(end[0] - way * 0.1) <= (0.021 if table.proved else 0.0011)
+        for off, fits in ((0.0999, True), (0.1001, False)):
+            seen = end[None] + way * off
+            kept, lost = table.next_points(point, forth, 0, seen)
+            assert lost[0] != fits and kept[0, 0] == (end[0] if fits else seen[0, 0])
+
+
 def test_a_prediction_by_itself_is_refused(fast):
     """What an own loop of `select` would ask, which is promised nothing; the point of `step` is answered."""
     rng, controller, state = np.random.default_rng(4), sdhj.Controller(fast), np.array([[0.5, 0.3]])
