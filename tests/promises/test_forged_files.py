@@ -118,10 +118,11 @@ TORUS = [
     (tells(grid={}), "lower"),
     (points_to(-1), "index|tubes "),
     (points_to(10**6), "index|tubes "),
-    *(
-        (replaced(name, make), f"undamaged, but.*({name}|index|packed)")
-        for name in ("index", "tubes", "marks", "avoid_static", "avoid_moving")
-        for make in FORGERIES.values()
+    *((replaced("index", make), "undamaged, but.*(index|packed)") for make in FORGERIES.values()),
+    *(  # and some of the others, which are read alike
+        (replaced(name, FORGERIES[forgery]), f"undamaged, but.*({name}|packed)")
+        for name in ("tubes", "marks", "avoid_static", "avoid_moving")
+        for forgery in ("missing", "too short", "other kind", "bomb")
     ),
 ]
 GOLDEN = [  # of lines by themselves `test_graph` has more

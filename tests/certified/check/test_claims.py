@@ -217,9 +217,6 @@ def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
         planted(saved, tmp_path, lambda told, arrays: told.__delitem__("cells"))
     with pytest.raises(ValueError, match="make no sense"):
         planted(saved, tmp_path, lambda told, arrays: told["cells"].update(kind="enclosed"))
-    for name in ("index", "allowed", "pool"):
-        with pytest.raises(ValueError, match="damaged"):
-            planted(saved, tmp_path, lambda told, group, n=name: rewrite(group, n, group[n][()][:-1]))
 
     def beyond_the_pool(told, group):
         rewrite(group, "index", group["index"][()] + np.uint32(len(group["pool"])))
@@ -231,14 +228,10 @@ def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("half_width", -0.5),
         ("half_width", True),
-        ("half_width", "a"),
         ("pursuer_radius", -1.0),
-        ("pursuer_radius", math.nan),
         ("v_d_max", -0.1),
         ("delta", math.inf),
-        ("steps", 2.5),
         ("steps", 0),
         ("input_levels", 1),
         ("input_levels", 10**30),
@@ -268,15 +261,11 @@ def test_numbers_that_make_no_sense_are_refused(saved, tmp_path, name, value):
     [
         lambda told, group: told["cells"].__delitem__("shape"),
         lambda told, group: told["cells"].update(shape=32),
-        lambda told, group: told["cells"].update(widths=["1/0"] * 4),
         lambda told, group: told["cells"].update(widths=["1/2"] * 3),
         lambda told, group: told.update(recipe=[]),
         lambda told, group: told.update(recipe={"builder": "foo", "arguments": {}}),
-        lambda told, group: group.__delitem__("pool"),
         lambda told, group: rewrite(group, "index", -group["index"][()].astype(np.int64)),
         lambda told, group: rewrite(group, "index", group["index"][()].astype(">u4")),
-        lambda told, group: rewrite(group, "pool", group["pool"][()].astype(np.int64)),
-        lambda told, group: rewrite(group, "allowed", group["allowed"][()].astype(np.float64)),
     ],
 )
 def test_damaged_files_are_refused(saved, tmp_path, damage):
