@@ -882,7 +882,7 @@ REFUSED = [  # a call, what it says
     (lambda: table().values_at(np.full((1, 1, 1), np.nan), 0, np.array([3])), "points.*NaN"),
     *(
         (lambda speed=speed: solved(ring(speed), Certified(cells=[40])), "32,767 cells")
-        for speed in (1e10, 1e17, 1e18, 1e19, 1e20, 1e100, 1e300)
+        for speed in (1e10, 1e19, 1e300)
     ),
 ]
 
@@ -976,30 +976,30 @@ NO_NUMBERS = {
 }
 
 
-def answers_of(kind):
-    """All that is asked with a state, or a row of one, that is no number: what names it in the error, and the call."""
-    q = row = NO_NUMBERS[kind]
-    if kind not in ("nothing", "ragged"):
-        row = (np.ma.asanyarray if kind == "masked" else np.asarray)(q)[None]
-    yield "a state", lambda: Controller(table()).steps_to_go(q, 0)
-    yield "a state", lambda: Controller(table()).select(q, 0)
-    yield "states", lambda: Controller(table()).batch(row, 0)
-    yield "states", lambda: table().hazards(row, 0)
-    yield "states", lambda: Controller(table()).filter(q, 0, 1)
-    yield "points", lambda: table().contains(row, start=0, within=1)
-    yield "points", lambda: line().target_value(row, 0.0)
-    yield "points", lambda: line().unsafe_value(row, 0.0)
-    yield "points", lambda: line().grid.interpolate(table().values(start=0, within=1), row)
-    yield "q0", lambda: sdhj.simulate(Controller(table()), q)
-    if kind in ("masked", "complex", "date", "ragged"):
-        yield "wanted", lambda: Controller(table()).filter([2.0], 0, q)
+def row(kind):
+    """As states of several, of which this is one."""
+    q = NO_NUMBERS[kind]
+    return q if kind in ("nothing", "ragged") else (np.ma.asanyarray if kind == "masked" else np.asarray)(q)[None]
 
 
-REFUSED += [(call, f"^{name} ") for kind in NO_NUMBERS for name, call in answers_of(kind)]
+REFUSED += [(lambda kind=kind: table().contains(row(kind), start=0, within=1), "^points ") for kind in NO_NUMBERS]
+REFUSED += [(lambda kind=kind: Controller(table()).select(NO_NUMBERS[kind], 0), "^a state ") for kind in NO_NUMBERS]
+Q, ROW = NO_NUMBERS["complex"], NO_NUMBERS["complex"][None]
+REFUSED += [  # all else that is asked with a state, states or a command
+    (lambda: Controller(table()).steps_to_go(Q, 0), "^a state "),
+    (lambda: Controller(table()).batch(ROW, 0), "^states "),
+    (lambda: table().hazards(ROW, 0), "^states "),
+    (lambda: Controller(table()).filter(Q, 0, 1), "^states "),
+    (lambda: Controller(table()).filter([2.0], 0, Q), "^wanted "),
+    (lambda: line().target_value(ROW, 0.0), "^points "),
+    (lambda: line().unsafe_value(ROW, 0.0), "^points "),
+    (lambda: line().grid.interpolate(table().values(start=0, within=1), ROW), "^points "),
+    (lambda: sdhj.simulate(Controller(table()), Q), "^q0 "),
+]
 REFUSED += [
     (lambda name=name, wrong=wrong: replace(line(), **{name: wrong}), rf"^{name}.* sdhj\.\w+")
     for name in ("grid", "dynamics")
-    for wrong in (None, 3, "grid", [1], {}, Grid, np.zeros(3))
+    for wrong in (None, "grid", Grid)
 ]
 ARGUMENTS = [  # of which function, the function, what is said
     ("drift", lambda: 0.0, r"got \(\)"),
