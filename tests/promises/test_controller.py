@@ -455,9 +455,9 @@ def test_equals_go_to_the_deeper_one() -> None:
     assert controller.select([0.1], 0) == 0 and controller.select([-0.1], 0) == 1
 
 
-@pytest.mark.parametrize("levels", [2, 50])
-def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Generator) -> None:
+def test_the_best_candidate_is_the_slow_twin_s(rng: np.random.Generator) -> None:
     """Scores and margins of few levels, so that many are equal; infinite ones too. What fails a look is passed over."""
+    levels = 3
     safe, failing = rng.random((300, 9)) < 0.4, rng.random((300, 9)) < 0.3
     scores = rng.integers(0, levels, safe.sum()).astype(float)
     scores[scores == 0] = np.inf

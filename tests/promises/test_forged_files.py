@@ -63,14 +63,7 @@ def test_all_damage_is_found_before_the_head_is_believed(path, rng, monkeypatch)
                 read_head(path)
 
 
-@pytest.mark.parametrize("keep", [0.0, 0.1, 0.5, 0.9, 0.999])
-def test_truncated_files_are_refused(path, keep):
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(len(whole) * keep)])
-    refused(path, "damaged")
-
-
-@pytest.mark.parametrize("text", [b"[" * 10**6, b"{}", b"7", b"\xff", b'{"grid": {"lower": ' + b"9" * 10**6])
+@pytest.mark.parametrize("text", [b"[" * 10**6, b"7", b"\xff"])
 def test_text_that_tells_nothing_is_refused(path, text):
     retold(path, text)
     refused(path, "can be read")
@@ -134,7 +127,6 @@ GOLDEN = [  # of lines by themselves `test_graph` has more
     lines("target", ["const inf", RETURN], "undefined or infinite"),
     lines("target", ["x 0", "log 0", "return 1"], "undefined or infinite"),
     lines("target", [1, 2], "cannot be read"),
-    lines("target", "x 0", "cannot be read"),
     lines("target", None, "cannot be read|can be read"),
     (lambda told, arrays: told["formulas"].update(format=2), "formulas have format 2"),
     (lambda told, arrays: told["formulas"].update(functions=[]), "can be read|cannot be read"),

@@ -1,7 +1,6 @@
 """The projected method: projections of sets and dynamics, union of directions, under-approximation, diagnosis."""
 
 import itertools
-import json
 from dataclasses import replace
 
 import naive_projections as naive
@@ -578,18 +577,3 @@ def test_tubes_that_do_not_grow_are_reported():
     with pytest.warns(ProjectionWarning, match="never grow") as told:
         sdhj.solve(problem, "projected", progress=False)
     assert {one.filename for one in told} == {__file__}  # the line that called solve
-
-
-def test_the_table_is_an_ordinary_one(tmp_path):
-    problem = sdhj.arm_case_study(nodes=9, steps=2)
-    table = solve_quietly(problem, "projected")
-    table.save(tmp_path / "projected.npz")
-    again = sdhj.load(tmp_path / "projected.npz")
-    assert again.method == "projected"
-    assert again.details == json.loads(json.dumps(dict(table.details)))
-    assert again.details["subspaces"] == [[0, 1, 2], [0, 1, 3]] and again.details["inner"] == "hji"
-    np.testing.assert_array_equal(again.tubes, table.tubes)
-    np.testing.assert_array_equal(again.marks, table.marks)
-    controller = sdhj.Controller(again)
-    inside = problem.grid.points()[again.inputs(start=0, within=2).any(axis=-1).ravel()]
-    assert len(inside) and all(controller.safe_inputs(q, 0).size for q in inside[:5])

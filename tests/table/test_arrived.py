@@ -24,7 +24,7 @@ def car(pace=PACE, steps=3):
 
 @cache
 def solved(pace=PACE):
-    return sdhj.solve(car(pace), sdhj.Certified(cells=(40, 40, 32)), progress=False, play=False)
+    return sdhj.solve(car(pace), sdhj.Certified(cells=(32, 32, 24)), progress=False, play=False)
 
 
 def states_at(step, pace=PACE, count=1000):
@@ -109,8 +109,8 @@ def test_runs_that_arrive_are_told_so_by_every_answer():
     table, rng = solved(), np.random.default_rng(3)
     controller = sdhj.Controller(table)
     q, _ = states_at(0)
-    arrived = 0
-    for x in q[table.contains(q)][:60]:
+    starts, arrived = q[table.contains(q)][:60], 0
+    for x in starts:
         for step in range(4):
             there = np.hypot(x[0] - 0.6 - PACE * 0.25 * step, x[1] - 0.2) < RADIUS
             assert (controller.steps_to_go(x, step) == 0) == there
@@ -122,7 +122,7 @@ def test_runs_that_arrive_are_told_so_by_every_answer():
             for _ in range(50):
                 x = x + 0.005 * np.array([speed * np.cos(x[2]) + wind[0], speed * np.sin(x[2]) + wind[1], turn])
         assert there
-    assert arrived == 60
+    assert arrived == len(starts) > 20
 
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")

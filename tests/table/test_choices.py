@@ -2,6 +2,7 @@
 
 import click
 import pytest
+from zoo import interval_table
 
 import sdhj
 from sdhj import cli
@@ -30,7 +31,7 @@ def test_the_command_line_offers_them():
 
 @pytest.mark.parametrize("name", CHOICES)
 def test_errors_name_them(name):
-    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), play=False)
+    table = interval_table()
     wrong = {
         "method": lambda: sdhj.solve(table.problem, "x"),
         "rule": lambda: sdhj.Controller(table, "x"),

@@ -17,8 +17,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("rule", ["deepest", "effort"])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("name", "rule"), [*((name, "effort") for name in CASES), ("moving", "deepest")])
 def test_what_look_ups_read_is_there(name, rule, tmp_path, monkeypatch):
     make, method = CASES[name]
     solved = sdhj.solve(make(), method, progress=False, play=True)
@@ -63,8 +62,7 @@ print([kernels[one].__name__ for one, count in loaded.items() if len(kernels[one
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rule", ["deepest", "clearance"])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("name", "rule"), [*((name, "clearance") for name in CASES), ("moving", "deepest")])
 def test_no_compiled_code_is_loaded_by_an_answer(name, rule, tmp_path):
     """In a process that has only loaded the table."""
     make, method = CASES[name]
