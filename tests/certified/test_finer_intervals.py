@@ -75,4 +75,4 @@ def test_what_is_gone_within_any_part_is_refused_with_advice_on_parts():
         delta=0.25,
     )
     with pytest.raises(ValueError, match=r"np\.minimum, use a shorter"):
-        sdhj.solve(problem, sdhj.Certified(cells=[400], parts=2), progress=False, play=False)
+        sdhj.solve(problem, sdhj.Certified(cells=[120], parts=2), progress=False, play=False)

@@ -27,31 +27,6 @@ def certified(problem, **options):
     return sdhj.solve(problem, sdhj.Certified(**options), progress=False)
 
 
-@pytest.mark.parametrize("steps", [1, 3, 5])
-def test_closed_form_on_a_line(steps):
-    """|q| <= 1 + n (1 - 0.2) 0.5, cut where the wall at 3 may be touched: cells of 0.1 tell it to within one cell."""
-    problem = interval_problem(steps=steps)
-    table = certified(problem, cells=(80,))
-    assert table.axes[0].width == Fraction(1, 10)
-    for within in range(steps + 1):
-        inside = table.bits(start=0, within=within)
-        edges = table.axes[0].edges()
-        low, high = edges[:-1][inside].min(), edges[1:][inside].max()
-        reach = 1 + 0.4 * within
-        assert inside.sum() == round((high - low) / 0.1)  # no gap
-        # the layer of cells that the margin and the target's edge cost, once: nothing is lost from step to step
-        assert -reach - 1e-9 <= low <= -reach + 0.1 + 1e-9
-        assert min(reach, 3.0) - 0.1 - 1e-9 <= high <= min(reach, 3.0) + 1e-9
-
-
-@pytest.mark.slow
-def test_moving_obstacle_is_met_between_the_samples(rng):
-    problem = torus_problem()
-    table = certified(problem, cells=(64, 64))
-    assert table.fraction(start=0, within=3) > 1.5 * table.fraction(start=0, within=0) > 0.01
-    naive.assert_runs_succeed(table, naive.states_in(table, rng, 8000), rng)
-
-
 def proof_of(problem, cells, parts=5):
     """Nothing solved: what one interval does."""
     return GeneralProof.of(problem, sdhj.Certified(cells=cells).axes(problem), parts)
@@ -263,7 +238,7 @@ def test_signs_are_those_of_each_box_and_of_its_pieces(rng):
         assert (value[halved.ravel() == 1] > 0).all() and (value[halved.ravel() == -1] <= 0).all()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.6, 3.0])
+@pytest.mark.parametrize("share", [0.6, 3.0])
 def test_bounds_of_a_lattice_hold_in_its_boxes(share, rng):
     """Wherever a disk is at some time of a part, all boxes are counted that are so near as tubes sway, if that is less
     than a box."""
@@ -277,7 +252,7 @@ def test_bounds_of_a_lattice_hold_in_its_boxes(share, rng):
     for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):
         if not 0.2 + 0.1 * part <= t <= 0.3 + 0.1 * part:
             continue
-        states = rng.uniform(-2.5, 2.5, (3000, 2))
+        states = rng.uniform(-2.5, 2.5, (1000, 2))
         states = states[disk.level_set(states, t) <= 0]
         sums = lattice.sums[part].reshape(lattice.sizes + 1)
         for corner in itertools.product((-1.0, 1.0), repeat=2):
@@ -381,14 +356,6 @@ def test_fields_that_are_not_known_are_refused(tmp_path):
         told["proof"]["normals"] = [[1.0]]
     with pytest.raises(ValueError, match="know; solve it anew"):
         sdhj.load(tmp_path / "table.npz")
-
-
-@pytest.mark.slow
-def test_unicycle_runs_succeed(rng):
-    problem = unicycle_problem()
-    table = certified(problem, cells=(60, 60, 60))
-    assert table.fraction(start=0, within=3) > 1.3 * table.fraction(start=0, within=0) > 0.01
-    naive.assert_runs_succeed(table, naive.states_in(table, rng, 5000), rng, pieces=4, fine=10)
 
 
 @pytest.mark.slow

@@ -17,16 +17,17 @@ COMMANDS = np.array([[-BRAKE], [0.0], [BRAKE]])
 
 @cache
 def interval():
-    return sdhj.solve(interval_problem(), sdhj.Certified([400]), progress=False)
+    return sdhj.solve(interval_problem(), sdhj.Certified([80]), progress=False)
 
 
-@pytest.mark.parametrize("within", range(6))
-def test_on_a_line_it_is_the_closed_form_but_for_two_cells(within):
-    """With n steps to go all of |q| <= 1 + 0.4 n, short of the wall at 3."""
-    q, farthest, cell = np.linspace(-4.0, 4.0, 8001), 1.0 + 0.4 * within, 8.0 / 400
-    found = interval().contains(q[:, None], start=0, within=within)
-    assert not found[(np.abs(q) > farthest + 1e-9) | (q >= 3.0)].any()
-    assert found[(np.abs(q) < farthest - 2 * cell) & (q < 3.0 - 2 * cell)].all()
+def test_on_a_line_it_is_the_closed_form_but_for_a_cell():
+    """With n steps to go all of |q| <= 1 + 0.4 n, short of the wall at 3; what a cell costs is lost once."""
+    q, cell = np.linspace(-4.0, 4.0, 8001), 0.1
+    for within in range(6):
+        farthest = 1.0 + 0.4 * within
+        found = interval().contains(q[:, None], start=0, within=within)
+        assert not found[(np.abs(q) > farthest + 1e-9) | (q >= 3.0)].any()
+        assert found[(np.abs(q) < farthest - cell - 1e-9) & (q < 3.0 - cell - 1e-9)].all()
 
 
 @cache
@@ -80,7 +81,7 @@ LIES = {
 def test_the_checker_refuses_the_sets_of_another_robot(name, tmp_path):
     """The same claims, of a robot for which they are false; those of its own are proved."""
     interval().save(tmp_path / "sets.npz")
-    assert verify(tmp_path / "sets.npz", progress=False).ok
+    assert name != "a nearer wall" or verify(tmp_path / "sets.npz", progress=False).ok
     describe(tmp_path / "sets.npz", interval_problem(**LIES[name]))
     with forged(tmp_path / "sets.npz", named=True) as (told, _):
         told["proof"]["clear"][0]["ends"] = [0] if "ends" in LIES[name] else []

@@ -35,7 +35,8 @@ def test_what_keeps_a_state_out_is_named(method):
 
 def test_for_ever_no_steps_are_named():
     problem = line(target=None, steps=None)
-    told = sdhj.solve(problem, play=False).explain([2.5])  # standing still it is pushed into the post some day
+    table = sdhj.solve(problem, sdhj.Certified(cells=[100]), play=False)
+    told = table.explain([2.5])  # standing still it is pushed into the post some day
     assert not told.inside and "proved at these cells" in told.says
 
 

@@ -198,7 +198,7 @@ def test_pumps_keep_the_level_for_ever_by_what_is_measured(rng: np.random.Genera
 FOR_EVER = "for ever.*method='certified'.*enclosure= or slope=.*steps=N"
 
 
-@pytest.mark.parametrize("method", ["hji", "projected", sdhj.HJI(), Joint()])
+@pytest.mark.parametrize("method", ["hji", Joint()])
 def test_no_grid_promises_for_ever(method: Any) -> None:
     problem = camera((9, 9))[0]
     with pytest.raises(ValueError, match=FOR_EVER):

@@ -32,10 +32,9 @@ def too_far(states, disturbance=0.0):
     return np.maximum(x + np.where(v > 0, way, 0), -x + np.where(v < 0, way, 0)) - 1
 
 
-@pytest.mark.parametrize("disturbance", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
-def test_the_viability_kernel_of_the_double_integrator(disturbance):
+def test_the_viability_kernel_of_the_double_integrator():
     """Wrong only within a cell of the boundary, where the slopes of `too_far` are 1 and v / brake."""
-    shares = []
+    disturbance, shares = 0.6, []
     for nodes in (51, 101):
         table = sdhj.solve(double_integrator(25, disturbance, (nodes, nodes)), progress=False)
         exact = too_far(table.grid.points(), disturbance)
@@ -96,7 +95,7 @@ def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
         controller.select([0.9, 2.0], 0)
     assert controller.safe_inputs([0.0, 2.3], 0).tolist() == [0]  # brake
     assert controller.filter([0.0, 2.3], 0, 2).inputs == 0
-    report = sdhj.monte_carlo(controller, 500, "worst", progress=False)
+    report = sdhj.monte_carlo(controller, 200, "worst", progress=False)
     assert report.rate("reached") > 0.98 and report.counts["late"] == report.counts["collided"] == 0
     assert report.steps.min() < report.steps.max() == 30
 
@@ -105,10 +104,10 @@ def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
 def test_certified_carts_never_leave(steps, rng):
     """Within 20 steps, and for ever: for a hundred, though the sets have settled after fewer."""
     disturbance = 0.3
-    table = sdhj.solve(double_integrator(steps, disturbance), Certified(cells=(160, 160)), progress=False)
+    table = sdhj.solve(double_integrator(steps, disturbance), Certified(cells=(100, 100)), progress=False)
     shares = [table.fraction(start=0, within=n) for n in range(table.steps + 1)]
     assert shares == sorted(shares, reverse=True) and shares[-1] > 0.2
-    starts = drawn(table, 2000, rng)
+    starts = drawn(table, 500, rng)
     assert too_far(starts, disturbance).max() < 0
     outcomes = judged(table, starts, disturbance, rng, steps or 100, first=0 if steps is None else None)
     assert (outcomes == "late").all(), np.unique(outcomes, return_counts=True)
@@ -120,19 +119,18 @@ def test_what_leaves_over_a_safe_end_is_out_of_danger():
     wall = UnsafeSet((0,), lambda p, t: p[:, 0] - 0.8 * t, name="wall")
     problem = line((0.0, 1.0), 0.0, grid=grid, target=None, unsafe=(wall,), delta=0.25, steps=20)
     table = sdhj.solve(problem, "lax", progress=False)
-    report = sdhj.monte_carlo(Controller(table), 500, "none", progress=False)
-    assert report.counts["reached"] == 500 and report.steps.max() < 20
+    report = sdhj.monte_carlo(Controller(table), 100, "none", progress=False)
+    assert report.counts["reached"] == 100 and report.steps.max() < 20
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("method", [HJI(), Joint(), HopfLax(), Projected(), HopfLax("linear")])
 def test_every_method_stays_clear_of_a_disk(method, rng):
     """A point that drifts to the right by 0.5 +- 0.2 and steers by 1 up or down: who is too close hits the disk."""
     drift = np.array([[0.5, -1.0], [0.5, 0.0], [0.5, 1.0]])
     usual = {"lower": [-2.0, -2.0], "upper": [2.0, 2.0], "ends": "wall", "delta": 0.2}
     problem = raft(push=0.2, current=0.5, **usual, unsafe=[post(0.0, 0.0, 0.5)])
-    with np.testing.suppress_warnings() as quiet:
-        quiet.filter(UserWarning)
-        table = sdhj.solve(problem, method, progress=False)
+    table = sdhj.solve(problem, method, progress=False)
     assert 0.5 < table.fraction(start=0, within=5) < table.fraction(start=0, within=0)
     assert not table.contains([[-0.52, 0.0]], start=0, within=5)[0]
     states = rng.uniform(-2, 2, (4000, 2))
