@@ -2,8 +2,6 @@
 
 import ast
 import builtins
-import importlib
-import inspect
 import json
 import keyword
 import pydoc
@@ -11,7 +9,6 @@ import re
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,8 +31,9 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
 OUTSIDE = {"MALLOC_TRIM_THRESHOLD_", "unzip", *dir(np), "NUMBA_CACHE_DIR", "__pycache__"}
 OUTSIDE |= {"hj_reachability.systems.Air3d", "print_if_then_else", "problem.json"}
 C = "".join((ROOT / "sdhj" / "certified" / name).read_text("utf-8") for name in ("sdhj.h", "export.py"))
-KNOWN = {*dir(builtins), *keyword.kwlist, *sdhj.__all__, *RULES, *EXTRAS, *main.commands}
+KNOWN = {"sdhj", *dir(builtins), *keyword.kwlist, *sdhj.__all__, *RULES, *EXTRAS, *main.commands}
 KNOWN |= {*re.findall(r"sdhj_\w+", C, re.IGNORECASE)}
+MODULES = {path.stem: [one for one in FILES if one.stem == path.stem] for path in FILES}
 SCOPES = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
@@ -65,51 +63,34 @@ def defined(given: ast.AST) -> set[str]:
 
 
 @cache
-def modules() -> dict[str, list[Any]]:
-    """The modules of the package that can be imported here, by their last names."""
-    found: dict[str, list[Any]] = {}
-    for path in (path for path in FILES if path.stem not in ("__main__", "environment")):
-        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-        found.setdefault(name.rpartition(".")[2], []).append(importlib.import_module(name))
+def members() -> dict[str, set[str]]:
+    """Of each class of the package what it, or a class that it is made of, has: methods, fields, what `self` keeps."""
+    found, parents = dict[str, set[str]](), dict[str, set[str]]()
+    for kind in (node for path in FILES for node in ast.walk(tree(path)) if isinstance(node, ast.ClassDef)):
+        own = (one for one in ast.walk(kind) if isinstance(one, ast.Attribute) and ast.unparse(one.value) == "self")
+        found.setdefault(kind.name, set()).update(defined(kind), (one.attr for one in own))
+        parents.setdefault(kind.name, set()).update(ast.unparse(base).split(".")[-1] for base in kind.bases)
+    for _ in range(3):  # as deep as classes are made of one another
+        for name, above in parents.items():
+            found[name].update(*(found.get(one, set()) for one in above))
     return found
-
-
-@cache
-def classes(name: str) -> list[Any]:
-    """The classes of the package with this name."""
-    given = (vars(module).get(name) for several in modules().values() for module in several)
-    return [one for one in given if inspect.isclass(one)]
-
-
-@cache
-def members(kind: type) -> set[str]:
-    """The attributes of a class and of what is made of it."""
-    own = [one for one in kind.__mro__ if one.__module__.startswith("sdhj")]
-    made = {name for one in own for name in re.findall(r"\bself\.(\w+)\b.* = ", inspect.getsource(one))}
-    return made.union(dir(kind), *map(inspect.get_annotations, own))
-
-
-@cache
-def offered() -> set[str]:
-    """The attributes of all classes that users name."""
-    kinds = (getattr(sdhj, name) for name in sdhj.__all__)
-    return set[str]().union(*(members(kind) for kind in kinds if inspect.isclass(kind)))
 
 
 def resolves(name: str, here: set[str]) -> bool:
     """Whether a name, dotted or not, means something where the names `here` are known."""
     first, _, rest = name.partition(".")
+    offered = (members().get(kind, set()) for kind in sdhj.__all__)
     if name in OUTSIDE:
         return True
     if not rest:
-        return first in here | KNOWN or first in modules() or first in offered() or bool(classes(first))
+        return first in here | KNOWN | MODULES.keys() | members().keys() | set[str]().union(*offered)
     if first == "sdhj" and rest != "h":
         return pydoc.locate(name) is not None
     second = rest.split(".")[0]
-    if kinds := [one for kind in STANDS_FOR.get(first, (first,)) for one in classes(kind)]:
-        return any(second in members(kind) for kind in kinds)
+    if kinds := [members()[kind] for kind in STANDS_FOR.get(first, (first,)) if kind in members()]:
+        return any(second in kind for kind in kinds)
     files = (path for path in (ROOT / name, *ROOT.rglob(f"[!.]*/{name}")) if path.is_file())
-    known = {*name.split(".")} <= here or any(hasattr(module, second) for module in modules().get(first, []))
+    known = {*name.split(".")} <= here or any(second in defined(tree(path)) for path in MODULES.get(first, ()))
     return known or pydoc.locate(name) is not None or rest in ("h", "bin") or next(files, None) is not None
 
 
@@ -158,7 +139,6 @@ def test_pages_name_what_is_there() -> None:
     assert found == set()
 
 
-@pytest.mark.slow
 def test_a_name_that_is_gone_is_found() -> None:
     """By its class, by what a name stands for on pages, in a module, in a file; and no other."""
     there = "`Images.swept`, `table.values(start=0)`, `sdhj.table.rules.RULES`, `select`, `sdhj.h`, `environment.txt`"
