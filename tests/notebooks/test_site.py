@@ -4,6 +4,7 @@ Skipped without what `pip install -e '.[docs]'` brings; the browser's part also 
 """
 
 import builtins
+import importlib
 import inspect
 import json
 import pydoc
@@ -13,8 +14,8 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from html.parser import HTMLParser
+from copy import copy
+from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
@@ -99,22 +100,15 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
-class Links(HTMLParser):
-    """Where a page points to, and the names that others can point to in it."""
+@cache
+def read(page: Path) -> Any:
+    """A page, parsed by what the theme brings."""
+    return importlib.import_module("bs4").BeautifulSoup(page.read_text("utf-8"), "html.parser")
 
-    def __init__(self, page: Path) -> None:
-        super().__init__()
-        self.targets: list[str] = []
-        self.names: set[str] = set()
-        self.unnamed_pictures: list[str] = []
-        self.feed(page.read_text(encoding="utf-8"))
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
-        self.names |= {given[name] for name in ("id", "name") if given.get(name)}
-        self.targets += [given[name] for name in ("href", "src") if given.get(name)]
-        if tag == "img" and not given.get("alt"):
-            self.unnamed_pictures.append(given.get("src", ""))
+def targets(page: Path) -> list[str]:
+    """Where a page points to."""
+    return [tag.get("href") or tag.get("src") for tag in read(page).select("[href], [src]")]
 
 
 def pages(site: Path) -> list[Path]:
@@ -122,31 +116,31 @@ def pages(site: Path) -> list[Path]:
 
 
 def test_every_chapter_is_in_the_site_with_its_notebook(site: Path) -> None:
-    contents = Links(site / "index.html").targets
+    contents = targets(site / "index.html")
     for chapter in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
         page = site / f"{chapter.stem}.html"
         assert page.name in contents
-        (file,) = (page.parent / unquote(to) for to in Links(page).targets if to.endswith(f"/{chapter.name}"))
+        (file,) = (page.parent / unquote(to) for to in targets(page) if to.endswith(f"/{chapter.name}"))
         assert file.read_bytes() == chapter.read_bytes()
 
 
 def test_no_link_leads_nowhere(site: Path) -> None:
-    read = {path.resolve(): Links(path) for path in pages(site)}
+    names = {
+        page.resolve(): {tag[key] for key in ("id", "name") for tag in read(page).select(f"[{key}]")}
+        for page in pages(site)
+    }
     dead = []
-    for path, links in read.items():
-        for target in links.targets:
+    for page in pages(site):
+        for target in targets(page):
             split = urlsplit(target)
             if split.scheme or split.netloc:
-                assert split.scheme in ("http", "https", "data", "mailto"), f"{path.name}: {target}"
+                assert split.scheme in ("http", "https", "data", "mailto"), f"{page.name}: {target}"
                 continue
-            to = (path.parent / unquote(split.path)).resolve() if split.path else path
-            known = read[to].names if to in read else None
-            if not to.is_file() or (
-                split.fragment and known is not None and unquote(split.fragment) not in known | {""}
-            ):
-                dead.append(f"{path.name}: {target}")
+            to = (page.parent / unquote(split.path)).resolve() if split.path else page.resolve()
+            there = to.is_file() and (to not in names or not split.fragment or unquote(split.fragment) in names[to])
+            dead += [] if there else [f"{page.name}: {target}"]
+        assert all(image.get("alt") for image in read(page).select("img")), f"{page.name} has a picture without words"
     assert dead == []
-    assert [picture for links in read.values() for picture in links.unnamed_pictures] == []
 
 
 EXCEPTIONS = {*dir(builtins), *sdhj.__all__}
@@ -154,9 +148,8 @@ EXCEPTIONS = {*dir(builtins), *sdhj.__all__}
 
 def entries(site: Path) -> Iterator[tuple[str, Any]]:
     """Of every page the objects that it describes: the name of each, and its entry."""
-    soup = pytest.importorskip("bs4").BeautifulSoup  # which the theme brings
     for path in pages(site):
-        for entry in soup(path.read_text("utf-8"), "html.parser").select("dl.py > dt[id]"):
+        for entry in read(path).select("dl.py > dt[id]"):
             yield entry["id"], entry.parent
 
 
@@ -299,9 +292,8 @@ def test_code_is_copied_wide_pictures_scroll_and_tables_are_lists_on_a_telephone
 
 def test_mentions_of_chapters_and_formulas_are_links(site: Path) -> None:
     """But for those on the page itself: chapters without a link are its own, and numbers of formulas all have one."""
-    soup = pytest.importorskip("bs4").BeautifulSoup
     for path in sorted(site.glob("[0-9][0-9]_*.html")):
-        article = soup(path.read_text("utf-8"), "html.parser").select_one("article")
+        article = copy(read(path).select_one("article"))
         for part in article.select("pre, code, h1, h2, h3, .math, .output, figure, details"):
             part.decompose()
         links = [link.extract().text for link in article.select("a")]
