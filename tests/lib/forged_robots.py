@@ -394,6 +394,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "gusty": (lambda: spread(steep=0.0, bounds=lambda q, u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
     "less gusty": (lambda: spread(steep=0.0, bounds=lambda q, u, t: np.stack([0.3 + 0.1 * u[0] - 0.2 * t])), (200,), 2),
     "stream": (stream, (10, 10), 2),
+    "one way out": (lambda: stream(ends=("unsafe", "safe")), (10, 10), 2),
     "rock at the lower end": (lambda: stream(rock=(0.02, 0.5, 0.02)), (10, 10), 2),
     "rock at the upper end": (lambda: stream(rock=(0.98, 0.5, 0.02)), (10, 10), 2),
     "out to the left": (lambda: stream(rock=(-0.13, 0.5, 0.02), pace=1.0, ways=(-1,)), (10, 10), 2),

@@ -13,6 +13,7 @@ import zoo
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, Sensing, TargetSet, UnsafeSet
+from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.outcomes import COLLIDED, REACHED
 from sdhj.simulation.sensed import Runs
 from sdhj.table.beside import predicted
@@ -356,6 +357,24 @@ def test_who_begins_in_a_set_has_collided_at_the_time_when_he_begins(when, share
     there, collided = np.abs(report.starts[:, 0] - 0.5) <= 0.2, report.outcomes == COLLIDED
     assert not collided[~there].any() and there.sum() > 50
     assert abs(collided[there].mean() - share) <= (0.2 if share else 0.0)
+
+
+def test_points_are_carried_on_by_the_current_of_their_own_interval():
+    """What is not pushed keeps the error of its first measurement, whatever is measured later."""
+    inputs = [[0.0], [0.5]]
+    dynamics = Dynamics(inputs, lambda q, u, t: u + 1.5 * np.cos(4.0 * t) + 0.0 * q)
+    problem = zoo.line(dynamics=dynamics, nodes=41, sensing=Sensing(0.05), steps=4)
+    controller, states = (
+        Controller(sdhj.solve(problem, progress=False, play=False)),
+        np.linspace(-2.0, 2.0, 30)[:, None],
+    )
+    given = ADVERSARIES["random"], np.random.default_rng(0), problem.sensing, None
+    runs, rows = Runs(controller, states, *given, False, False), np.arange(30)
+    errors = runs.predictions - runs.states
+    assert np.ptp(errors) > 0.05
+    for number in range(3):
+        runs.simulate_inputs(number, rows, rows % 2, np.ones(30, np.int64))
+        np.testing.assert_allclose(runs.predictions - runs.states, errors, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

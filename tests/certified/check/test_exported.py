@@ -85,7 +85,7 @@ def refusals(name, data, folder):
 
 
 @pytest.mark.parametrize(
-    "name", but_slow(["plane", "forbidden", "noisy", "standing", "tide", "drifting", *ARMS], *ARMS)
+    "name", but_slow(["plane", "forbidden", "noisy", "standing", "tide", "drifting", "one way out", *ARMS], *ARMS)
 )
 def test_what_is_exported_is_proved(name, tmp_path):
     assert refusals(name, exported(name), tmp_path) == []
@@ -211,6 +211,7 @@ FORGED |= {
     "two words": ("plane", two_words, "exported: "),
     "two steps of a tide": ("tide", two_steps, "filter"),
     "two steps while the target moves": ("drifting", two_steps, "safe"),
+    "the other way out": ("one way out", put(232, 1), CELLS),
     "an image of an arm": ("arm that remembers", an_image("arm that remembers", 0, 1), "images"),
     "version 3": ("noisy", put(8, 3), "version 1 or 2"),
     "version 1 with images": ("noisy", put(8, 1), VERSION),
