@@ -334,32 +334,6 @@ def files(folder: Path) -> Any:
     return one_of(saved(), wrong)
 
 
-def damage(folder: Path) -> Any:
-    """A table's file with bytes changed, cut off or added anywhere: refused by its name, or the table is whole."""
-    table, path = interval_table(), folder / "damaged.npz"
-    table.save(path)
-    whole = path.read_bytes()
-    cut = st.builds(lambda at, more: whole[: at % len(whole)] + more, st.integers(0, 2**30), st.binary(max_size=40))
-    changed = st.builds(
-        lambda at, new: whole[: at % len(whole)] + new + whole[at % len(whole) + len(new) :],
-        st.integers(0, 2**30),
-        st.one_of(st.binary(min_size=1, max_size=4), st.just(bytes(512))),
-    )
-
-    def read(content: bytes) -> Any:
-        path.write_bytes(content)
-        return sdhj.load(path, problem=table.problem)
-
-    return (cut | changed).map(
-        lambda content: Case(
-            partial(read, content),
-            (str(path),),
-            f"{len(content)} bytes",
-            right=lambda loaded: content == whole and bool(np.array_equal(loaded.tubes, table.tubes)),
-        )
-    )
-
-
 def signals(folder: Path) -> Any:
     """`sdhj solve` stopped at any time: a table that loads or none, no litter, no traceback, the signal's status."""
 
@@ -439,7 +413,6 @@ KINDS: dict[str, Callable[..., Any]] = {
     "runs": runs,
     "case studies": case_studies,
     "files": files,
-    "damage": damage,
     "signals": signals,
     "command line": command_line,
 }
@@ -497,7 +470,7 @@ def test_odd_arguments_are_answered_or_named(kind: str, tmp_path: Path) -> None:
     sdhj.monte_carlo(sdhj.Controller(interval_table(), "effort"), 10, progress=False)
     counts: Counter[str] = Counter()
     found: dict[tuple[str, str], str] = {}
-    strategy = KINDS[kind](tmp_path) if kind in ("files", "damage", "signals", "command line") else KINDS[kind]()
+    strategy = KINDS[kind](tmp_path) if kind in ("files", "signals", "command line") else KINDS[kind]()
     end, least = time.monotonic() + SECONDS / len(KINDS), 1 if kind == "signals" else 5
 
     @settings(

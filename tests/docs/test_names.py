@@ -139,6 +139,7 @@ def test_pages_name_what_is_there() -> None:
     assert found == set()
 
 
+@pytest.mark.slow
 def test_a_name_that_is_gone_is_found() -> None:
     """By its class, by what a name stands for on pages, in a module, in a file; and no other."""
     there = "`Images.swept`, `table.values(start=0)`, `sdhj.table.rules.RULES`, `select`, `sdhj.h`, `environment.txt`"
