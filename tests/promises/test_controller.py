@@ -215,6 +215,27 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
     assert 1 in promised
 
 
+@pytest.mark.parametrize("ends", ["wall", "unsafe"])
+@pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[40, 40])], ids=["hji", "certified"])
+def test_a_fallback_promises_nothing_off_the_grid(ends: str, method: Any) -> None:
+    """Neither along the axis of the unsafe set nor along the other one."""
+    post = sdhj.UnsafeSet((1,), lambda p, t: np.abs(p[:, 0]) - 0.2)
+    problem = zoo.plane(nodes=21, unsafe=[post], ends=ends, steps=1)
+    controller = Controller(sdhj.solve(problem, method, progress=False, play=False))
+    places = [[0.0, 1.0], [2.1, 1.0], [-2.1, 1.0], [0.0, 2.1], [0.0, -2.1], [0.0, 0.1]]
+    assert [controller.fallback(np.array(place), 0).steps for place in places] == [1, 0, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+@pytest.mark.parametrize("method", ["hji", "lax"])
+def test_where_all_is_clear_a_fallback_leads_to_where_the_next_tube_is(method: str, way: float) -> None:
+    """A target that jumps from one side to the other with the first step."""
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] + way * np.where(t > 0.25, -2.0, 2.0)) - 1.0)
+    problem = zoo.line(ends="wall", target=target, steps=1)
+    answer = Controller(solved(problem, method)).fallback(np.zeros(1), 0)
+    assert problem.inputs[answer.input, 0] == way and answer.steps == 1
+
+
 @pytest.mark.parametrize("bounds", but_slow([0.4, 2.0, 0.0], 2.0))
 def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.Generator) -> None:
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import naive_certified as naive
 import numpy as np
@@ -13,7 +14,7 @@ import sdhj
 from sdhj.certified.check import sampled
 from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.arm import drawn
-from sdhj.certified.check.arm.claims import Arm
+from sdhj.certified.check.arm.claims import Arm, cells_added
 from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.certified.general_proof import GeneralProof
@@ -185,6 +186,18 @@ def arm(rng):
     arm.allowed[:, 2] = False
     arm.allowed[1, 2, 7, 7] = True
     return arm
+
+
+@pytest.mark.parametrize(("more", "told"), [((), []), ((3, 4), [1, 1]), ((4,), [1]), ((5,), [2])])
+def test_later_sets_of_an_arm_among_what_stands_still_are_inside_those_of_step_0(more, told):
+    """Which all steps ask: sets of one row, of which some have a cell more."""
+    words = np.array([0b1, 0b11, 0b111, 0b1, 0b11, 0b1], np.uint64)
+    words[list(more)] |= np.uint64(0b1000)
+    pool, index = np.unique(words, return_inverse=True)
+    given = {"steps": 2, "pairs": naive.pairs(2), "pool": pool[:, None], "index": index[:, None]}
+    assert cells_added(SimpleNamespace(still=False, **given))[1].failed == 0
+    found = cells_added(SimpleNamespace(still=True, **given))[1].failures
+    assert [int(one.split()[1].rstrip(":")) for one in found] == told
 
 
 def new_of(arm):
