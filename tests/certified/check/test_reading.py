@@ -1,16 +1,22 @@
 """What is read of a file: numbers it lets in, and the cells that an image may overlap."""
 
 import itertools
+import json
 from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from naive_certified import CIRCLE, STILL
+from naive_certified import CIRCLE, LINE, SMALL, STILL, TARGET
 from naive_certified import sensing as certain
 
+import sdhj
 from sdhj.certified.check.arm.claims import PI, Scene, overlapped
+from sdhj.certified.check.arm.recipe import expect_recipe
 from sdhj.certified.check.reading import edges_of
+from sdhj.certified.check.sampled import InMemory
+from sdhj.certified.check.stated import Problem
+from sdhj.table.files import make_head
 
 
 def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
@@ -27,6 +33,49 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
         scene = Scene(recipe | {"arguments": recipe["arguments"] | changes}, certain())
         with pytest.raises(ValueError, match="bound on rounding"):
             scene.world((np.linspace(-1, 1, 9),) * 4)
+
+
+def other(disk, **path):
+    """A disk with another radius, or on another path."""
+    return disk | {"path": disk["path"] | path} if path else disk | {"radius": disk["radius"] + 1e-3}
+
+
+AMONG = [STILL, LINE, CIRCLE]
+OTHERS = {
+    **{"half_width": 0.011, "u_max": 4.1, "v_d_max": 2.1, "delta": 0.11, "steps": 3, "input_levels": 2},
+    **{"lengths": (0.15, 0.151), "kinematics": "printed"},
+}
+PATHS = {  # an obstacle, and what is other of it
+    "its radius": (0, {}),
+    "where it is": (0, {"centre": [-0.22, 0.101]}),
+    "where it begins": (1, {"start": [0.241, -0.02]}),
+    "how fast it goes": (1, {"velocity": [-0.6, 0.71]}),
+    "its circle": (2, {"radius": 0.071}),
+    "how fast it turns": (2, {"rate": 9.1}),
+    "where it turns": (2, {"phase": -0.99}),
+}
+
+
+@pytest.mark.parametrize("built", ["relative", "printed", "evader"])
+def test_a_head_is_what_its_recipe_makes_and_no_other(built):
+    """At any time; each number of the recipe and of the disks by itself."""
+    agent, own = ("evader", {"v_e_max": 0.3, "evader_radius": 0.14}) if built == "evader" else ("pursuer", {})
+    small = {name: one for name, one in SMALL.items() if built != "evader" or name not in ("target", "v_p_max")}
+    kinematics = {} if built == "evader" else {"kinematics": built}
+    make = sdhj.evader_case_study if built == "evader" else sdhj.arm_case_study
+    problem = make(**small | own | kinematics | {"obstacles": AMONG})
+    head = json.loads(json.dumps(make_head(problem, "certified", {}, problem.digest)))
+    robot, made = Problem(head, InMemory({}), None), head["recipe"]
+    expect_recipe(robot, Scene(made, robot))
+    changes = OTHERS | {f"{agent}_radius": 0.139, f"v_{agent[0]}_max": 0.61, f"{agent}_box": 0.361}
+    changes["kinematics"] = "relative" if made["arguments"]["kinematics"] == "printed" else "printed"
+    each = [{name: one} for name, one in changes.items()] + [{"obstacles": AMONG[:2]}, {"obstacles": []}]
+    each += [{"obstacles": [*AMONG[:at], other(AMONG[at], **path), *AMONG[at + 1 :]]} for at, path in PATHS.values()]
+    if built != "evader":
+        each += [{"target": other(TARGET)}, {"target": other(TARGET, velocity=[0.1, -0.06])}]
+    for change in each:
+        with pytest.raises(ValueError, match="of its recipe"):
+            expect_recipe(robot, Scene(made | {"arguments": made["arguments"] | change}, robot))
 
 
 @pytest.mark.parametrize("sensing", [{}, {"error": [0.02, 0.0, 0.01, 0.0], "delay": 0.03, "jitter": 0.01}])
