@@ -18,7 +18,7 @@ PLANE = np.eye(2)
 
 def room(gain=PLANE, bounds=None, **given):
     usual = {
-        "grid": sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [31, 31]),
+        "grid": sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [21, 21]),
         "dynamics": given.pop("dynamics", None) or sdhj.Dynamics(SPEEDS, SPEEDS, gain, bounds),
         "target": zoo.goal(0.8, 0.0, 0.35),
         "unsafe": [zoo.post(0.0, 0.1, 0.3)],

@@ -24,7 +24,7 @@ def rooms(**given: Any) -> sdhj.ReachAvoidProblem:
 
 @cache
 def table(method: str) -> Any:
-    options = {"certified": sdhj.Certified(cells=[100, 75])}
+    options = {"certified": sdhj.Certified(cells=[100, 75], parts=4)}
     return sdhj.solve(rooms(), options.get(method, method), progress=False, play=False)
 
 
@@ -73,7 +73,7 @@ def test_against_dynamic_programming_in_plain_loops(name: str, cost: str) -> Non
         made = zoo.small_torus_table()  # moving, periodic
     else:
         coarse = rooms(steps=3, grid=sdhj.Grid([-2.0, -1.5], [2.0, 1.5], [13, 9]))
-        made = sdhj.solve(coarse, sdhj.Certified(cells=[40, 30]), progress=False, play=False)
+        made = sdhj.solve(coarse, sdhj.Certified(cells=[40, 30], parts=3), progress=False, play=False)
     problem, delta, inputs = made.problem, made.problem.delta, made.problem.inputs
     stages: dict[str, Any] = {
         "effort": lambda q, j, t: delta * sum(u * u for u in inputs[j]),

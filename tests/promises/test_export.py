@@ -16,6 +16,7 @@ import pytest
 import test_memory
 import zoo
 from parameters import but_slow
+from refusals import drifting
 
 import sdhj
 from sdhj.certified import export as export_module
@@ -65,7 +66,7 @@ def oddly_named():
 CASES = {
     "line": (zoo.interval_problem, sdhj.Certified(cells=(80,))),
     "oddly named": (oddly_named, sdhj.Certified(cells=(30, 30))),
-    "torus": (zoo.torus_problem, sdhj.Certified(cells=(40, 40))),
+    "torus": (zoo.torus_problem, sdhj.Certified(cells=(40, 40), parts=4)),
     "moves": (lambda: digest_cases.tide(turning=True), sdhj.Certified(cells=(32, 24), parts=3)),
     "measured": (senses, sdhj.Certified(cells=(80, 60), parts=4)),
     "safe ends": (
@@ -73,6 +74,7 @@ CASES = {
         digest_cases.CASES["cart, safe ends, certified"].method,
     ),
     "forbidden": (forged_robots.forbidden, sdhj.Certified(cells=(80,))),
+    "drifting": (drifting, sdhj.Certified(cells=(80,))),  # out of its target, from where no input may lead back
     "standing": (forged_robots.standing, sdhj.Certified(cells=(40, 10), parts=2)),
     "car": (zoo.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "65 inputs": (lambda: with_inputs(*many_inputs()), sdhj.Certified(cells=(80, 60), parts=4)),
@@ -373,7 +375,7 @@ def test_images_make_a_file_larger_by_what_is_said(exported):
 
 @pytest.mark.parametrize("rule", but_slow(["effort", "target", "clearance"], "effort"))
 def test_built_in_rules(exported, rule):
-    table, c = solved("car"), exported("car", rule=rule)
+    table, c = solved("torus"), exported("torus", rule=rule)
     controller, states = sdhj.Controller(table, rule=rule), states_of(table, 2000)
     status, chosen = c.select(states)
     assert np.array_equal(np.where(status == 0, chosen, -1), controller.choose(controller.batch(states, 0)))
@@ -381,18 +383,18 @@ def test_built_in_rules(exported, rule):
 
 @pytest.mark.parametrize("only", [("select",), ("steps",), ("filter", "safe")])
 def test_what_is_left_out_is_said(exported, only):
-    table, c = solved("car"), exported("car", only=only)
-    assert c.selftest() == 0 and c.nbytes < exported("car").nbytes
+    table, c = solved("torus"), exported("torus", only=only)
+    assert c.selftest() == 0 and c.nbytes < exported("torus").nbytes
     states = states_of(table, 500)
     for what, field in zip(EVERY, ("steps", "select", "clear", "filter", "filter", "safe", "clear"), strict=True):
         status, _ = c.ask(what, states)
         assert ((status == STATUS["LEFT_OUT"]).any() or (status < 0).all()) == (field not in only), what
-    if only == ("select",):
+    if only == ("select",):  # on an edge a cell may answer that is more steps away
+        states = np.random.default_rng(0).uniform(table.grid.lower, table.grid.upper, (500, 2))
         status, chosen = c.select(states)
-        _, proved = exported("car").safe_inputs(states)
-        _, later = exported("car").ask("safe_inputs", states)
+        _, proved = exported("torus").safe_inputs(states)
         inside = np.flatnonzero(status == 0)
-        assert inside.size and proved[inside].any(axis=1).all() and later[inside, chosen[inside]].mean() > 0.99
+        assert inside.size > 50 and proved[inside, chosen[inside]].all()
 
 
 def test_states_that_are_none_have_a_status_and_the_braking_input(exported):
@@ -415,7 +417,7 @@ def test_states_that_are_none_have_a_status_and_the_braking_input(exported):
 
 
 def test_goals_need_no_input(exported):
-    table, c = solved("car"), exported("car")
+    table, c = solved("drifting"), exported("drifting")
     states = states_of(table, 5000)
     arrived = c.steps_to_go(states)[1] == 0
     status, _ = c.select(states[arrived])
@@ -506,7 +508,7 @@ def test_numbers_that_lie_are_refused_or_harmless_although_the_checksum_fits(exp
 
 
 def test_the_table_of_another_robot_is_refused(exported):
-    c, other = exported("torus"), exported("car")
+    c, other = exported("torus"), exported("line")
     source = other.folder / "other.c"
     source.write_text("""
 #include "sdhj.h"
@@ -585,7 +587,7 @@ def test_what_cannot_be_exported_is_refused_in_a_line(tmp_path):
 
 
 def test_the_header_of_a_robot_says_what_it_is(exported):
-    table, c = solved("car"), exported("car")
+    table, c = solved("torus"), exported("torus")
     text = (c.folder / "sdhj_robot.h").read_text()
     assert f"#define SDHJ_ROBOT_STEPS {table.steps}" in text and table.problem.digest in text
     rows = re.findall(r"\{(-?[0-9.e+-]+(?:, -?[0-9.e+-]+)*)\},", text)

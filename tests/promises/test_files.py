@@ -368,7 +368,7 @@ def small_torus():
 CASES = {
     "projected": (small_torus, "projected"),
     "lax": (small_torus, "lax"),
-    "certified": (small_torus, sdhj.Certified(cells=(24, 24))),
+    "certified": (small_torus, sdhj.Certified(cells=(24, 24), parts=3)),
     "gridded": (gridded_problem, "hji"),
     "gridded, certified": (gridded_problem, sdhj.Certified(cells=(24, 24))),
     "swept": (lambda: digest_cases.moving(True), "lax"),

