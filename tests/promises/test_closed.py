@@ -3,8 +3,11 @@
 The plant of the runs here is that of the simulation, in the true geometry: a state with g <= 0 has collided.
 """
 
+import shutil
+
 import numpy as np
 import pytest
+import zoo
 from zoo import plane, post, walk
 
 import sdhj
@@ -126,3 +129,18 @@ def test_the_state_that_is_asked_for():
     points = (0.3 * np.sqrt(radius) * [np.cos(2 * np.pi * angle), np.sin(2 * np.pi * angle)]).T
     assert (stay.grid.interpolate(table.values(start=0, within=1), points) <= 0).any()
     assert not table.contains(points, start=0, within=1).any()
+
+
+def test_on_a_border_the_target_counts_and_what_is_unsafe_does_not(tmp_path):
+    """Both are closed, to the bit, in Python and in C."""
+    posts = [zoo.post(0.75, 0.25), sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] + 0.75) - 0.125)]
+    problem = zoo.line(target=zoo.goal(0.0, 1.0), unsafe=posts)
+    table = sdhj.solve(problem, sdhj.Certified(cells=(80,)), progress=False, play=False)
+    here = [-1.0, np.nextafter(-0.875, -1.0), -0.5, np.nextafter(0.5, 0.0)]
+    states = np.array([*here, np.nextafter(-1.0, -2.0), -0.875, -0.625, 0.5, 1.0])[:, None]
+    told = [problem.arrived(states, 0), table.arrived(states, 0), np.flatnonzero(table.steps_to_go(states, 0) == 0)]
+    told.append(np.flatnonzero(table.contains(states, start=0, within=0)))
+    if shutil.which("cc"):
+        status, steps = sdhj.export_c(table, tmp_path, progress=False).steps_to_go(states, 0)
+        told.append(np.flatnonzero((status == 0) & (steps == 0)))
+    assert [one.tolist() for one in told] == [list(range(4))] * len(told)

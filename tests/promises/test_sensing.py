@@ -661,6 +661,17 @@ def test_a_file_knows_what_it_was_solved_for(tmp_path):
         sdhj.load(path, problem=replace(table.problem, sensing=Sensing()))
 
 
+@pytest.mark.parametrize("read", [0.0, 1.0], ids=["constant", "read"])
+def test_what_inputs_lead_to_reckons_with_every_end_of_an_interval(read: float) -> None:
+    """From 0.3 to 0.7 s on; where velocities read the state, up to the error of a box around the midpoint rule."""
+    inputs = np.array([[-1.0], [0.0], [1.0]])
+    dynamics = Dynamics(inputs, lambda q, u: u + read * 0.01 * np.sin(q), [[1.0]], [0.2])
+    problem = zoo.line(dynamics=dynamics, sensing=Sensing(jitter=0.1))
+    low, high = problem.interval(0).displacement_sets(np.zeros((1, 1)))[:2, :, 0, 0]
+    ends = np.array([0.3, 0.7])[:, None] * (inputs[:, 0] + np.array([-0.2, 0.2])[:, None, None])
+    np.testing.assert_allclose([low, high], [ends.min(axis=(0, 1)), ends.max(axis=(0, 1))], atol=read * 0.01)
+
+
 def test_what_inputs_lead_to_reckons_with_the_error_now_and_at_the_next_step() -> None:
     """Without a memory: twice E = error + delay times the push; the controller looks up no less."""
     exact = zoo.interval_problem()

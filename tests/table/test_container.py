@@ -118,6 +118,15 @@ def test_every_bit_counts(tmp_path, packed, rng):
         refused(path, damaged=True)
 
 
+def test_of_what_is_packed_every_bit_counts_whether_or_not_all_was_compared(tmp_path):
+    path = written(tmp_path, True)
+    whole, part = path.read_bytes(), bytes(Contents(path).parts["tubes"])
+    for place in range(begin := whole.index(part), begin + len(part)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ (1 << place % 8)]) + whole[place + 1 :])
+        with pytest.raises(Damaged):
+            Contents(path).array("tubes")
+
+
 def test_cut_or_longer_files_are_refused(tmp_path, packed):
     path = written(tmp_path, packed)
     whole = path.read_bytes()
