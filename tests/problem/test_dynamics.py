@@ -505,26 +505,6 @@ def test_velocity_sets_in_time_are_counted_back_from_the_end():
     assert zoo.ends_of(fields[0])[1].tolist() == zoo.ends_of(fields[1])[1].tolist()
 
 
-# ---- the digest of a problem is that of its formulas
-
-
-def digest(**changes):
-    return problem_of(tidal(**changes)).digest
-
-
-@pytest.mark.slow
-def test_the_digest_follows_time_and_input():
-    base = digest()
-    assert base == digest()
-    assert base != digest(drift=lambda q, u, t: np.array([u[0] + np.sin(3 * t), np.cos(2.01 * t)]))
-    assert base != digest(gain=lambda q, u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
-    assert base != digest(bounds=lambda q, u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
-    assert base != digest(bounds=lambda q, u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
-    states = turning()
-    assert problem_of(states).digest == problem_of(turning()).digest
-    assert problem_of(states).digest != problem_of(turning(bounds=lambda q, u: [0.2 + abs(u[0]) / 2.01])).digest
-
-
 # ---- velocities that the disturbance enters as it likes
 
 

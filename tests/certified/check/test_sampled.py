@@ -133,7 +133,7 @@ def test_a_solve_returns_no_table_of_which_a_claim_is_false(monkeypatch):
         sdhj.solve(cart(), sdhj.Certified((20, 20)), progress=False, play=False)
 
 
-@pytest.mark.parametrize("periodic", [(False, True), (True, False), (True, True)])
+@pytest.mark.parametrize("periodic", [(False, True), (True, True)])
 def test_cells_are_looked_up_as_sums_count_them(periodic, rng, tmp_path):
     """Boxes of any size and place, around axes that close, up to all of them."""
     told, arrays = parts_of("standing", tmp_path)
@@ -142,15 +142,15 @@ def test_cells_are_looked_up_as_sums_count_them(periodic, rng, tmp_path):
     cells = rng.random(sets.counts) < 0.995
     words = np.packbits(np.pad(cells, ((0, 0), (0, -cells.shape[1] % 64))), axis=1, bitorder="little").view(np.uint64)
     sets.pool, sets.low, sets.high = words, np.zeros((1, 1, 1, 2), np.int16), np.full((1, 1, 1, 2), 60, np.int16)
-    first = rng.integers(-12, 50, (2, 3000))
-    past = first + rng.integers(1, [[50], [12]], (2, 3000))
+    first = rng.integers(-12, 50, (2, 1000))
+    past = first + rng.integers(1, [[50], [12]], (2, 1000))
     # The second of the two sets has the rows of the first in another order.
     both = np.array([np.arange(len(words)), rng.permutation(len(words))])
-    sets.index, own = both, rng.integers(0, 2, 3000)
+    sets.index, own = both, rng.integers(0, 2, 1000)
     found = sampled.all_in(sets, first, past, own)
     each = np.array([sets.all_in(sets.sums(cells[rows].ravel()), first, past) for rows in both])
-    np.testing.assert_array_equal(found, each[own, np.arange(3000)])
-    some = rng.permutation(3000)[:500]
+    np.testing.assert_array_equal(found, each[own, np.arange(1000)])
+    some = rng.permutation(1000)[:500]
     np.testing.assert_array_equal(sampled.all_in(sets, first[:, some], past[:, some], own[some]), found[some])
     assert 0.05 < found.mean() < 0.95
 
