@@ -4,6 +4,7 @@
 """
 
 import os
+import re
 import runpy
 import sys
 from dataclasses import replace
@@ -131,6 +132,8 @@ def test_the_command_checks_a_robot_of_ones_own(tmp_path, monkeypatch):
     sdhj.solve(zoo.interval_problem(), sdhj.Certified(cells=[80]), progress=False).save(path)
     done = asked(path)
     assert done.exit_code == 0 and "moves: " in done.output and "NOT proved" not in done.output, done.output
+    of_all = [line for line in done.output.splitlines() if line.endswith("proved")]
+    assert all(re.search(r": ([\d,]+) of \1 checked", line) for line in of_all)  # of a sample that is not said
     sdhj.solve(hidden(), sdhj.Certified(cells=[80]), progress=False).save(path)
     done = asked(path, "--problem", "lines:problem")
     assert done.exit_code == 0 and "is stated of wall" in done.output, done.output

@@ -101,16 +101,6 @@ def test_recursion_agrees_with_the_twin(small, clear):
 
 
 @pytest.mark.slow
-def test_finer_cells_certify_more():
-    problem = sdhj.arm_case_study(**(SMALL | {"steps": 1}))
-    fractions = [
-        sdhj.solve(problem, sdhj.Certified(cells=cells, parts=4), progress=False).fraction(start=0, within=1)
-        for cells in ((32, 32, 12, 12), (63, 63, 12, 12), (63, 63, 24, 24))
-    ]
-    assert fractions == sorted(fractions) and fractions[2] > fractions[0] + 0.01
-
-
-@pytest.mark.slow
 def test_evader_is_certified_too(rng):
     problem = sdhj.evader_case_study(
         nodes=9, steps=2, u_max=4.0, v_d_max=1.0, v_e_max=0.3, input_levels=3, evader_radius=0.14, obstacles=()

@@ -99,26 +99,6 @@ def test_states_are_promised_as_plain_loops_say(problem, cells, region, rng):
         assert told == sets[np.ix_(*near)].all(), state
 
 
-@pytest.mark.slow
-def test_more_of_anything_never_enlarges_a_set():
-    chain = [
-        Sensing(),
-        Sensing(0.01, memory=False),
-        Sensing(0.01, 0.03, memory=False),
-        Sensing(0.01, 0.03, 0.01, memory=False),
-        Sensing((0.02, 0.01, 0.02), 0.04, 0.02, memory=False),
-    ]
-    before = None
-    for sensing in chain:
-        table = solved(sensing, (40, 40, 38))
-        sets = np.stack([table.bits(start=0, within=n) for n in range(5)])
-        kept = table.contains(table.grid.points(), start=0, within=4)
-        assert before is None or (not (sets & ~before[0]).any() and sets.sum() < before[0].sum())
-        assert before is None or not (kept & ~before[1]).any()
-        before = sets, kept
-    assert before[0].any()
-
-
 def test_what_an_interval_does_to_predictions():
     """A robot on a line, by hand; nothing is solved."""
     sensing = Sensing(0.03, 0.2, 0.05, memory=False)

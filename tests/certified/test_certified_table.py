@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import re
 import subprocess
 import sys
 
@@ -94,13 +93,6 @@ def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng)
         controller.select(lost, 0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("start", "within"), [(0, 1.5), (4, 0)])
-def test_entries_that_are_not_there_are_refused(table, start, within):
-    with pytest.raises(ValueError, match="be a whole number"):
-        table.values(start=start, within=within)
-
-
 @pytest.mark.parametrize("name", ["left/right", "", "a\0b"])
 def test_sets_may_have_any_name(tmp_path, name):
     problem = interval_problem(steps=1)
@@ -109,21 +101,6 @@ def test_sets_may_have_any_name(tmp_path, name):
     made = sdhj.solve(problem, Certified(cells=[40]), progress=False)
     made.save(tmp_path / "own.npz")
     assert [one.name for one in sdhj.load(tmp_path / "own.npz").problem.unsafe] == [name]
-
-
-@pytest.mark.slow
-def test_verify_from_the_command_line(table, tmp_path):
-    from click.testing import CliRunner
-
-    from sdhj.cli import main
-
-    table.save(tmp_path / "certified.npz")
-    checked = CliRunner().invoke(main, ["verify", str(tmp_path / "certified.npz"), "--samples", "20"])
-    assert checked.exit_code == 0 and "no fault in these" in checked.output and "NOT" not in checked.output
-    of_all = [line for line in checked.output.splitlines() if line.endswith("proved")]
-    assert all(
-        re.search(r": ([\d,]+) of \1 checked", line) for line in of_all
-    )  # of a sample nothing is said to be proved
 
 
 @pytest.mark.parametrize("cells", [40, [np.inf], [1]])

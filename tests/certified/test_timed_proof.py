@@ -4,7 +4,7 @@ Nothing of the library moves a state here: `judge` integrates the functions of a
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import judge
 import naive_certified as naive
@@ -146,7 +146,7 @@ def test_timed_growth_holds_every_motion(name, opaque, parts, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("adversary", ["up", "down", "switching", "away"])
+@pytest.mark.parametrize("adversary", ["switching", "away"])
 def test_no_run_from_a_certified_state_is_lost(proved, adversary, rng):
     case, table = proved
     assert table.fraction(start=0, within=3) > 1.2 * table.fraction(start=0, within=0) > 0.01
@@ -161,9 +161,7 @@ def test_no_run_from_a_certified_state_is_lost(proved, adversary, rng):
     def signs(states, inputs, t, end):
         if adversary == "switching":
             return rng.choice([-1.0, 1.0], states.shape)
-        if adversary == "away":
-            return np.where(states >= case.centre(end), 1.0, -1.0)
-        return np.full(states.shape, 1.0 if adversary == "up" else -1.0)
+        return np.where(states >= case.centre(end), 1.0, -1.0)
 
     outcomes = judge.play(
         choose, case.velocity, signs, case.target, case.unsafe, starts, delta=case.delta, steps=case.steps
@@ -190,47 +188,3 @@ def test_every_step_leads_one_nearer(proved, rng):
                 ended = judge.rk4(lambda q, at, v=signs, j=inputs: case.velocity(q, j, v, at), ended, t + k * h, h)
                 assert (case.unsafe(ended, t + (k + 1) * h) > 0).all()
             assert (naive.steps_left(table, np.clip(ended, -3, 3), step + 1) < left).all()
-
-
-def test_who_ignores_time_proves_what_is_not_so(rng):
-    """The case needs its clock: sets that are proved for the dynamics of t = 0 lose runs of the real ones."""
-    case = CASES["tide"]
-    frozen = replace(case, drift=lambda x, u, t: case.drift(x, u, 0.0), gain=lambda u, t: case.gain(u, 0.0))
-    table = sdhj.solve(frozen.problem(), sdhj.Certified(cells=case.cells), progress=False)
-    states = naive.states_in(table, rng, 3000)
-    left = naive.steps_to_go(table, states, 0)
-    states, left = states[left > 0], left[left > 0]
-    inputs = naive.chosen_inputs(table, states, 0, rng)
-    for k in range(40):
-        h = case.delta / 40
-        states = judge.rk4(lambda q, at: case.velocity(q, inputs, np.ones(q.shape), at), states, k * h, h)
-    assert (naive.steps_to_go(table, np.clip(states, -3, 3), 1) >= left).sum() > 100
-
-
-@pytest.mark.slow
-def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
-    _, table = proved
-    table.save(tmp_path / "timed.npz")
-    again = sdhj.load(tmp_path / "timed.npz")
-    assert again.problem.dynamics.depends_on_time and again.problem.digest == table.problem.digest
-    states = naive.states_in(table, rng, 500)
-    for within in (1, 3):
-        np.testing.assert_array_equal(
-            again.certified_inputs(states, 0, within), table.certified_inputs(states, 0, within)
-        )
-        assert again.fraction(start=0, within=within) == table.fraction(start=0, within=within)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_a_rate_is_asked_for_where_nothing_can_be_read(name):
-    case = CASES[name]
-
-    def asked(problem):
-        proof = sdhj.Certified(cells=[20] * case.ndim).proof(problem)
-        return proof.tubes_of_places(np.array([0]), 0, 0.0, 1)
-
-    with pytest.raises(ValueError, match="BlackBox without a rate"):
-        asked(case.black_box(rate=None))
-    with pytest.raises(ValueError, match="rate"):
-        case.black_box(rate=[-1.0] * case.ndim)
-    assert np.isfinite(asked(case.black_box())[1]).all()

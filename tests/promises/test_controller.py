@@ -544,14 +544,6 @@ def test_the_named_rules_are_functions_like_one_s_own(tables: dict[str, LookupTa
         assert chosen.tolist() == [own.select(q, 0) for q in states]
 
 
-def test_own_rule_is_played_in_closed_loop() -> None:
-    def first(candidates: Candidates) -> np.ndarray:
-        return candidates.inputs
-
-    report = sdhj.monte_carlo(Controller(solved(zoo.interval_problem(nodes=41)), first), 300, progress=False)
-    assert report.rule == "first" and report.counts["reached"] == 300
-
-
 # ---- guards
 
 
@@ -643,11 +635,6 @@ def test_rules_stay_with_the_safe_inputs_where_all_score_infinitely_badly() -> N
     batch = controller.batch(np.array([[0.7], [3.9]]), 0)
     batch.safe[0], batch.margins[0] = [True, True, False], [-0.1, -0.2, -0.5]
     assert controller.choose(batch).tolist() == [1, -1]
-
-
-def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
-    avoid = free_table().avoid
-    assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()
 
 
 def test_no_state_is_a_batch_too(tables: dict[str, LookupTable]) -> None:

@@ -1,16 +1,17 @@
 """Disturbances that enter nonlinearly and move several axes: their range is cut into pieces, so that hji converges."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import naive_zonotopes
 import numpy as np
 import pytest
 import zoo
+from room import room
 from zoo import ERROR, WAYS, misled, turned
 
 import sdhj
 from sdhj.common.remembering import read_only
-from sdhj.problem import interval as interval_module
 from sdhj.table.table import AvoidTubes
 
 
@@ -82,11 +83,11 @@ def test_pieces_are_kept_in_files_and_told_apart(tmp_path):
         sdhj.load(tmp_path / "t.npz", problem=misled(nodes=15))
 
 
-def test_memory_is_stated_before(monkeypatch):
-    asked = []
-    monkeypatch.setattr(interval_module, "require_memory", lambda many, what: asked.append((many, what)))
-    misled(nodes=21).interval(0).velocities(1, (0, 1))
-    assert asked == [(8 * 8 * 2 * 5 * 21 * 21, "velocities of 8 pieces of v")]
+def test_memory_is_stated_before():
+    needed = 8 * 8 * 2 * 5 * 21 * 21  # bytes of a number, pieces, axes, box and gain, nodes
+    for free, refused in ((needed // 2, True), (3 * needed, False)):
+        with room(free), pytest.raises(MemoryError, match="8 pieces of v") if refused else nullcontext():
+            misled(nodes=21).interval(0).velocities(1, (0, 1))
 
 
 @pytest.mark.parametrize("pieces", [0, 2.5, 1025])
@@ -207,12 +208,6 @@ def test_at_a_wall_the_box_is_seen(compass):
         gap = np.array(most) - batch.margins[0]
         assert np.abs(gap[held]).max(initial=0.0) < 2e-3 and held.any() == (x > 0.9)
         assert gap[~held].max() > 4e-3
-
-
-def test_with_one_piece_margins_are_boxes():
-    problem = misled(nodes=21, pieces=1)
-    assert problem.interval(0).normals.shape == (0, 2)
-    assert len(problem.interval(0).displacement_sets(np.zeros((1, 2)))) == 4
 
 
 @pytest.mark.parametrize("rule", ["select", "filter"])

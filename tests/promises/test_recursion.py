@@ -143,17 +143,6 @@ def test_tubes_in_one_dimension_have_their_closed_form(method):
             assert not inside[q > 3.0].any()
 
 
-@pytest.mark.slow
-def test_joint_and_decomposed_tables_agree_up_to_scheme_error():
-    gaps = []
-    for nodes in (16, 32):
-        problem = torus_problem(nodes=nodes)
-        pair = [sdhj.solve(problem, method(FIXED)) for method in (HJI, Joint)]
-        gaps.append(np.abs(pair[0].values(start=0, within=3) - pair[1].values(start=0, within=3)).mean())
-    print("mean difference of joint and decomposed tubes", gaps)
-    assert gaps[1] < gaps[0] / 1.4
-
-
 def test_state_dependent_dynamics_make_a_table():
     table = sdhj.solve(unicycle_problem())
     fractions = [table.fraction(start=0, within=n) for n in range(4)]

@@ -13,7 +13,7 @@ from zoo import interval_problem, pursued_on_a_line, torus_problem, unicycle_pro
 
 import sdhj
 from sdhj import Dynamics, Grid, UnsafeSet
-from sdhj.common.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
+from sdhj.common.findings import ResolutionWarning, UnsettledWarning
 from sdhj.problem import problem as problem_module
 
 
@@ -49,13 +49,6 @@ def test_stronger_inputs_where_none_makes_progress(solves_are_played):
         sdhj.solve(weak, progress=False)
     strong = Dynamics(3 * reach.inputs, 3 * reach.inputs, [[1.0]], [1.5])
     assert quiet(replace(reach, dynamics=strong)).fraction() > 0.3
-
-
-def test_hji_where_projections_are_too_conservative(solves_are_played):
-    problem = sdhj.evader_case_study(nodes=9, steps=2)
-    with pytest.warns((ProjectionWarning, ResolutionWarning), match="hji"):
-        table = sdhj.solve(problem, "projected", progress=False)
-    assert quiet(problem, sdhj.HJI()).fraction() > table.fraction()
 
 
 def test_a_number_of_steps_where_a_set_does_not_settle(monkeypatch):

@@ -227,23 +227,6 @@ def test_workers_give_every_bit_though_one_is_killed(client, tmp_path, monkeypat
 
 
 @pytest.mark.slow
-def test_begun_here_and_finished_by_workers(threads, tmp_path, monkeypatch):
-    problem, complete = turning(), Folder.complete
-
-    def limited(self, part):
-        if part == Part("entry", 0, 2):
-            raise KeyboardInterrupt
-        complete(self, part)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Folder, "complete", limited)
-        with pytest.raises(KeyboardInterrupt):
-            sdhj.solve(problem, store=tmp_path / "t", progress=False)
-    stored = sdhj.solve(problem, store=tmp_path / "t", client=threads, resume=True, progress=False)
-    assert_bit_equal(stored, sdhj.solve(problem, progress=False))
-
-
-@pytest.mark.slow
 def test_an_error_in_a_worker_is_told(threads, tmp_path, monkeypatch):
     def fails(self, part):
         raise RuntimeError("no")
