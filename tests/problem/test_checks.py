@@ -22,6 +22,7 @@ def test_what_fits_is_converted(value):
         (None, {}, "x.*number.*None"),
         (True, {}, "x.*number.*True"),
         (np.True_, {}, "x.*number.*"),
+        (np.datetime64(3, "D"), {}, "x.*number.*datetime64"),
         (math.nan, {}, "x.*finite.*nan"),
         (-math.inf, {}, "x.*finite.*-inf"),
         (10**400, {}, r"x.*1e308.*1000+\.\.\.000+$"),

@@ -173,6 +173,21 @@ def test_bounds_of_a_map_are_no_wider_than_its_slopes(yaw: float, rng: np.random
         assert (greatest - least <= past * 2 * width * (np.cos(yaw) + np.sin(yaw)) + 1e-12).all()
 
 
+def test_one_pixel_is_seen_from_everywhere() -> None:
+    """A wall of one pixel, and a pillar: not a point of them is free, and half a pixel's diagonal beside them is."""
+    side = 0.05
+    blocked = flat() != GREY["free"]
+    part = UnsafeSet.from_map(blocked, resolution=side)
+    across = np.linspace(12.0, 20.0, 2001) * side
+    values = part.level_set(np.stack([across, np.full(2001, 5.3 * side)], axis=1), 0.0)
+    wall = (across >= 16 * side) & (across <= 17 * side)
+    assert (values[wall] <= 0).all()
+    assert (values[(across < (16 - 0.71) * side) | (across > (17 + 0.71) * side)] > 0).all()
+    door = part.level_set(np.array([[16.5 * side, 12.0 * side]]), 0.0)  # rows 9 to 14 from the top, of 24
+    assert door[0] == pytest.approx(3 * side - side / np.sqrt(8))  # on a node: less the allowance alone
+    assert part.level_set(np.array([[8.5 * side, 17.5 * side]]), 0.0)[0] < 0  # the pillar, row 6 from the top
+
+
 @pytest.mark.parametrize("make", [binary_pgm, plain_pgm, lambda pixels: binary_pgm(pixels * 257.0, 65535)])
 def test_a_file_is_its_array(written: Callable[..., Path], make: Any, rng: np.random.Generator) -> None:
     array = UnsafeSet.from_map(flat() != GREY["free"], resolution=0.05, origin=(-0.4, -0.6), radius=0.1)

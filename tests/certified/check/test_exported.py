@@ -240,9 +240,12 @@ def test_a_forged_export_is_refused(name, tmp_path):
 
 @pytest.mark.parametrize("field", ["select", "safe", "filter"])
 def test_an_input_of_a_cell_in_no_set_is_refused(tmp_path, field):
-    """Whatever the table's file says of it: nobody looks at what is not promised, and here all inputs are clear."""
-    made("line").save(tmp_path / "table.npz")
-    (tmp_path / "sdhj_table.bin").write_bytes(exported("line"))
+    """Whatever the table's file says of it: nobody looks at what is not promised, and here all inputs are clear.
+
+    From the post that is in the target all lead into it.
+    """
+    made("post in the target").save(tmp_path / "table.npz")
+    (tmp_path / "sdhj_table.bin").write_bytes(exported("post in the target"))
     words = Words(tmp_path / "sdhj_table.bin")
     unproved = words.fields["steps"] == UNPROVED
     if field == "select":
