@@ -7,11 +7,13 @@ import runpy
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+import zoo
 from zoo import interval_problem, interval_table
 
 import sdhj
@@ -127,6 +129,18 @@ def test_a_swept_function_is_tried_in_every_step():
     part = UnsafeSet((0,), near, swept, "ball")
     with pytest.raises(ValueError, match=r"'ball' over \[0.1, 0.2\]"):
         on_line(unsafe=(part,), steps=20)
+
+
+@pytest.mark.parametrize(("soon", "late"), [(0.0, 0.0), (0.05, 0.0), (0.0, 0.05)])
+def test_a_swept_function_is_tried_at_all_times_that_a_clock_that_is_off_allows(soon, late):
+    """Of a ball that moves on by 1 m/s, which is left out at the begin or the end for as long as the clock is off."""
+
+    def swept(p, t0, t1):
+        return np.maximum(3.0 - t1 + late - p[:, 0], p[:, 0] - 3.0 + t0 + soon) - 0.1
+
+    ball = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0 + t) - 0.1, swept, "ball")
+    with pytest.raises(ValueError, match="swept of 'ball'") if soon or late else nullcontext():
+        zoo.line(unsafe=[ball], sensing=sdhj.Sensing(jitter=0.05))
 
 
 # ---- functions and the library's arrays
