@@ -2,13 +2,14 @@
 
 import dataclasses
 import inspect
+import itertools
 
 import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from zoo import interval_problem, line, plane
+from zoo import interval_problem, line, plane, post
 
 from sdhj import (
     BlackBox,
@@ -190,3 +191,13 @@ def test_along_a_path_each_set_is_where_it_is_at_that_instant(rng):
     np.testing.assert_allclose(problem.unsafe_along(x, times), first, atol=1e-12)
     both = np.where(inputs[:, None] == 2, np.minimum(first, second), first)
     np.testing.assert_allclose(problem.unsafe_along(x, times, inputs), both, atol=1e-12)
+
+
+def test_sets_of_one_function_that_are_sampled_otherwise_are_two():
+    """Whichever of them is asked about first."""
+    sets = [dataclasses.replace(post(2.02, 0.3), sampling=one) for one in ("nodes", "steep", "cell")]
+    alone = [Samples(line(unsafe=[one])).sample(one, 0.0) for one in sets]
+    assert not any(np.array_equal(one, other) for one, other in itertools.combinations(alone, 2))
+    for order in itertools.permutations(range(3)):
+        samples = Samples(line(unsafe=sets))
+        assert all(np.array_equal(samples.sample(sets[at], 0.0), alone[at]) for at in order)
