@@ -193,11 +193,19 @@ def test_along_a_path_each_set_is_where_it_is_at_that_instant(rng):
     np.testing.assert_allclose(problem.unsafe_along(x, times, inputs), both, atol=1e-12)
 
 
-def test_sets_of_one_function_that_are_sampled_otherwise_are_two():
+@pytest.mark.parametrize(
+    ("problem", "changes"),
+    [
+        (line, [{"sampling": one} for one in ("nodes", "steep", "cell")]),
+        (lambda **given: plane(lower=[-2.0, -1.0], upper=[2.0, 3.0], **given), [{"axes": (0,)}, {"axes": (1,)}]),
+    ],
+    ids=["sampling", "axes"],
+)
+def test_sets_of_one_function_that_are_sampled_otherwise_are_two(problem, changes):
     """Whichever of them is asked about first."""
-    sets = [dataclasses.replace(post(2.02, 0.3), sampling=one) for one in ("nodes", "steep", "cell")]
-    alone = [Samples(line(unsafe=[one])).sample(one, 0.0) for one in sets]
+    sets = [dataclasses.replace(post(1.02, 0.3), **one) for one in changes]
+    alone = [Samples(problem(unsafe=[one])).sample(one, 0.0) for one in sets]
     assert not any(np.array_equal(one, other) for one, other in itertools.combinations(alone, 2))
-    for order in itertools.permutations(range(3)):
-        samples = Samples(line(unsafe=sets))
+    for order in itertools.permutations(range(len(sets))):
+        samples = Samples(problem(unsafe=sets))
         assert all(np.array_equal(samples.sample(sets[at], 0.0), alone[at]) for at in order)
