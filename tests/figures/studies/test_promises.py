@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from fleet import FLEET, Hazard, Robot, many_inputs
 from judge import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
-from promises import HEAD, MARK, ROBOTS, bounds, heading, main, methods, rows
+from promises import HEAD, MARK, ROBOTS, bounds, heading, main, rows
 
 PAGE = Path(__file__).parents[3] / "notebooks" / "site" / "numbers.md"
 BRAKE, PUSH = 1.0, 0.2  # m/s^2, of `fleet.double_integrator`
@@ -234,24 +234,6 @@ def number(text):
 
 
 PLAYED = 500  # starts, as the page says
-
-
-@pytest.mark.slow
-def test_the_page_has_a_row_for_each_robot_and_method():
-    wanted = []
-    for name, build in FLEET.items():
-        robot = build()
-        for method, *_ in methods(robot):
-            wanted += [(name, method), *([(name, f"{method}, filtered")] if robot.steps is None else [])]
-    assert list(told()) == wanted
-    for (_, method), row in told().items():
-        lost, runs, promised = (number(row[one]) for one in ("lost", "runs", "lost while promised"))
-        low, high = bounds(lost, runs)
-        assert row["95 %"] == f"{low:.3%} to {high:.3%}" and promised <= lost and runs == 6 * PLAYED  # six adversaries
-        ways = [number(way.split()[-1]) for way in row["how"].partition(" (")[0].split(", ") if lost]
-        assert sum(ways) == lost
-        if method.startswith("certified"):
-            assert lost == 0
 
 
 DOUBT = 1e-4  # of each of the two bounds below
