@@ -140,25 +140,25 @@ def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) 
 
 
 def test_worst_takes_the_vertex_with_the_worst_score() -> None:
-    """Scores of all four vertices, by the table's interpolation and the distance to the first order in v."""
+    """Scores of all four vertices: a tube's level or the distance to the first order in v, each the larger of some."""
     controller = Controller(zoo.torus_table())
-    problem = controller.problem
+    problem, end = controller.problem, controller.problem.delta
     states = admissible_states(controller, 100, np.random.default_rng(2))
-    now = moment(controller, states)
-    v = ADVERSARIES["worst"](now)
+
+    def level(points: np.ndarray) -> np.ndarray:
+        return -2.0 + np.sin(points[..., 0] + 2.0 * points[..., 1])
+
+    v = ADVERSARIES["worst"](moment(controller, states, tube=level))
     vertices = [0.4 * np.array(signs) for signs in itertools.product((-1.0, 1.0), repeat=2)]
-    middle = states + problem.delta * problem.dynamics.arrays[0][0]
-    end = problem.delta
+    middle = states + end * problem.dynamics.arrays[0][0]
     distance = problem.unsafe_value(middle, end)
-    slopes = [problem.unsafe_value(middle + problem.delta * 0.4 * e, end) - distance for e in np.eye(2)]
-    scores = []
-    for vertex in vertices:
-        tube = problem.grid.interpolate(controller.table.values(start=1, within=1), middle + problem.delta * vertex)
-        linear = distance + sum(slope * sign for slope, sign in zip(slopes, np.sign(vertex), strict=True))
-        scores.append(np.maximum(tube, -linear))
+    slopes = [problem.unsafe_value(middle + end * 0.4 * e, end) - distance for e in np.eye(2)]
+    levels = np.array([level(middle + end * vertex) for vertex in vertices])
+    danger = -np.array([distance + sum(s * np.sign(x) for s, x in zip(slopes, row, strict=True)) for row in vertices])
+    scores = np.maximum(levels, danger)
     played = [int(np.flatnonzero([(row == vertex).all() for vertex in vertices])[0]) for row in v]
-    np.testing.assert_allclose(np.array(scores)[played, np.arange(100)], np.max(scores, axis=0), rtol=0, atol=1e-12)
-    assert len(set(played)) == 4
+    np.testing.assert_allclose(scores[played, np.arange(100)], scores.max(axis=0), rtol=0, atol=1e-12)
+    assert len(set(played)) == 4 and 0.2 < (levels > danger).mean() < 0.8
 
 
 @cache
