@@ -109,10 +109,11 @@ def own(tmp_path_factory):
     return path
 
 
-def test_info_of_your_user_problem_needs_no_functions(own):
+def test_info_tells_what_is_in_a_file_and_needs_no_functions(own):
+    """Dynamics and sets in mathematics."""
     result = run("info", own)
     assert result.exit_code == 0, result.output
-    table = sdhj.load(own, problem=torus_problem(nodes=12, steps=2))
+    table, lines = sdhj.load(own, problem=torus_problem(nodes=12, steps=2)), result.output.splitlines()
     told = (
         "method hji",
         "x1: 12 nodes on [-3.14159, 3.14159], periodic",
@@ -121,10 +122,6 @@ def test_info_of_your_user_problem_needs_no_functions(own):
     )
     for text in (*told, table.problem.digest, json.dumps(dict(table.details), sort_keys=True)):
         assert text in result.output
-
-
-def test_info_prints_dynamics_and_sets_in_mathematics(own):
-    lines = run("info", own).output.splitlines()
     expected = """
   dynamics under the first of 9 inputs, u = (-2, -2):
     dx1/dt = -2 + v1

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zoo
 from click.testing import CliRunner
 
 import sdhj
@@ -28,12 +29,13 @@ def fine(*arguments):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with a new robot, its certified table, and nothing else that the commands could need."""
+    """A folder with a new robot, its certified table and one on a grid, and nothing else that commands could need."""
     folder = tmp_path_factory.mktemp("robot")
     fine("new", folder / "car.py")
     options = "--method", "certified", "--cells", "30,30,32", "-o", folder / "car.npz"
     assert "target reachable from" in fine("solve", f"{folder / 'car.py'}:problem", *options)
     (folder / "car.py").rename(folder / "away.txt")
+    sdhj.solve(zoo.unicycle_problem(steps=1), progress=False, play=False).save(folder / "grid.npz")
     return folder
 
 
@@ -89,18 +91,11 @@ def test_export_and_its_proof(folder):
 def test_what_is_wrong_is_one_line(folder, tmp_path, monkeypatch, arguments, named):
     monkeypatch.chdir(tmp_path)
     shutil.copy(folder / "away.txt", tmp_path / "car.py")
-    grid_table(tmp_path / "grid.npz")
-    names = {"grid": tmp_path / "grid.npz", "car": folder / "car.npz", "robot": tmp_path / "car.py"}
+    names = {"grid": folder / "grid.npz", "car": folder / "car.npz", "robot": tmp_path / "car.py"}
     result = run(*(one.format(**names) for one in arguments))
     assert result.exit_code == 2 and named in result.output and "Traceback" not in result.output
     assert len([line for line in result.output.splitlines() if line.startswith("Error")]) == 1
     assert not {one.name for one in tmp_path.iterdir()} & {"x.npz", "x.png", "x.pdf", "out", "robot.txt"}
-
-
-def grid_table(path):
-    import zoo
-
-    sdhj.solve(zoo.unicycle_problem(steps=1), progress=False, play=False).save(path)
 
 
 # ---- five ways to break the new robot, of which each is one line
