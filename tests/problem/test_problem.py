@@ -21,7 +21,6 @@ from sdhj import (
     simulate,
     solve,
 )
-from sdhj.problem.samples import Samples
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
@@ -125,30 +124,6 @@ def test_swept_that_is_not_given_bounds_every_time(level_set):
     dense = np.min([part.level_set(points, t) for t in np.linspace(0.2, 0.5, 5001)], axis=0)
     assert (swept <= dense).all() and (swept >= dense - 3.0 * 0.3 / 19).all()
     assert (sampled > dense + 1e-4).any()
-
-
-def test_what_bounds_over_a_time_leave_undefined_is_refused_with_what_to_do():
-    """The form under the root is above 0 at each time, but not its bounds over pieces of time where it is small."""
-    form = np.linalg.inv([[0.2, 0.05], [0.05, 0.1]])
-
-    def problem(least):
-        def ellipse(p, t):
-            far = p - np.array([0.3 * t, 0.2])
-            return np.sqrt(np.maximum(np.sum((far @ form) * far, axis=1), least)) - 1.0
-
-        return plane(
-            [[0.0, 0.0], [1.0, 0.0]],
-            0.2,
-            target=TargetSet((0,), lambda p, t: p[:, 0] - 0.5),
-            unsafe=(UnsafeSet((0, 1), ellipse, name="ellipse"),),
-            steps=2,
-        )
-
-    with pytest.raises(ValueError, match="'ellipse' may be undefined"):
-        refused = problem(-np.inf)
-        Samples(refused).sample(refused.unsafe[0], 0.3, 0.6)
-    mended = problem(0.0)
-    assert np.isfinite(Samples(mended).sample(mended.unsafe[0], 0.3, 0.6)).all()
 
 
 def test_true_values_need_no_grid():

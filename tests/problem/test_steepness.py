@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import zoo
 
-import sdhj
 from sdhj import BlackBox, Dynamics, Grid, Sensing
 from sdhj.problem.steepness import lipschitz_bounds
 from sdhj.table.beside import predicted
@@ -123,10 +122,3 @@ def test_black_boxes_declare_it():
         rates_of(Dynamics([[0.0]], replace(drift, slope=None)))
     with pytest.raises(ValueError, match="BlackBox without a rate"):
         rates_of(Dynamics([[0.0]], known, replace(gain, rate=None), [0.5]))
-
-
-def test_what_may_be_undefined_is_refused():
-    problem = zoo.interval_problem()
-    pole = sdhj.Dynamics(problem.inputs, lambda q, u: u[0] + 1e-6 / (q - 0.123456))
-    with pytest.raises(ValueError, match="the velocity along x1"):
-        replace(problem, dynamics=pole, sensing=Sensing(0.01, memory=False))
