@@ -21,6 +21,7 @@ from sdhj import (
     simulate,
     solve,
 )
+from sdhj.problem.samples import Samples
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
