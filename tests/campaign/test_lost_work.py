@@ -1,7 +1,6 @@
 """What could lose work or leave litter: kills, Ctrl-C, full disks, names that cannot be written."""
 
 import dataclasses
-import fcntl
 import json
 import os
 import signal
@@ -251,12 +250,3 @@ def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch)
     monkeypatch.setattr(os, "open", denied)
     with pytest.raises(PermissionError, match=r"a\.npz: Permission denied"):
         sdhj.load(path)
-
-
-def test_a_locked_file_is_read(tmp_path):
-    """A lock, as of a viewer that has the file open, keeps nobody from reading."""
-    table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
-    table.save(tmp_path / "a.npz")
-    with open(tmp_path / "a.npz", "r+b") as other:
-        fcntl.flock(other, fcntl.LOCK_EX)
-        assert sdhj.load(tmp_path / "a.npz", problem=table.problem).steps == 1

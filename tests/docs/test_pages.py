@@ -25,7 +25,9 @@ SITE = ROOT / "notebooks" / "site"
 PROGRAM = re.compile(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("path", sorted(SITE.glob("*.md")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [*sorted(SITE.glob("*.md")), *sorted(SITE.parent.glob("*.ipynb"))], ids=lambda path: path.stem
+)
 def test_files_that_are_named_are_there(path: Path) -> None:
     assert [named for named in named_files(path) if not named.exists()] == []
 
