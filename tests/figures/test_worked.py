@@ -14,7 +14,6 @@ import judge
 import numpy as np
 import pytest
 from extra_worked import AMPLITUDE, BAR, BOXES, FRICTION, MASS, PACE, RUNS, SPIN, WORKED, folding_arm, row
-from plain_arm import plain_arm
 from test_worked_problems import CHASED, joints
 
 import sdhj
@@ -292,15 +291,3 @@ def test_the_arm_with_more_to_avoid_is_an_user_problem(tmp_path):
     for file in ("own.npz", "kept.npz"):
         again = sdhj.load(tmp_path / file)
         assert np.array_equal(again.tubes, table.tubes) and len(again.problem.unsafe) == 4
-
-
-@pytest.mark.slow
-def test_the_arm_with_more_to_avoid_is_certified(rng):
-    """With level sets in plain NumPy throughout, which intervals follow; so few cells prove little but the target."""
-    arm, more = plain_arm(), folding_arm().unsafe[2:]
-    proved = sdhj.solve(replace(arm, unsafe=(*arm.unsafe, *more)), sdhj.Certified(cells=(30, 30, 8, 8)), progress=False)
-    less = sdhj.solve(arm, sdhj.Certified(cells=(30, 30, 8, 8)), progress=False)
-    assert 0.0 < proved.fraction(start=0, within=8) <= less.fraction(start=0, within=8)
-    states = rng.uniform(arm.grid.lower, arm.grid.upper, (40_000, 4))
-    inside = states[proved.contains(states, start=0, within=8)]
-    assert len(inside) > 10 and (GAPS["arm"](inside, 0.0) > 0).all()

@@ -1,24 +1,16 @@
 """What the functions in the cells of chapters say, and those around them."""
 
-import re
 from fractions import Fraction
-from pathlib import Path
 
-import nbformat
 import numpy as np
 import pytest
 import zoo
 from chapters import functions
 from course.chapter_03 import explore_value
 from course.chapter_05 import explore_games
-from course.chapter_15 import explore_car, reference_car
-from course.chapter_16 import explore_sensing
 from course.reading import mathematics
 
-import sdhj
-
 pytestmark = pytest.mark.slow
-NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
 
 
 def test_the_value_of_the_equation_is_that_of_the_worst_signal() -> None:
@@ -68,33 +60,6 @@ def test_the_sets_of_a_line_hold_every_end() -> None:
                 top = max(q, q + ends[-1] * speeds[-1])
                 leads_there = top <= 1.2 and any((low <= to).all() and (to <= high).all() for low, high in later)
                 assert leads_there == any(low <= q <= high for low, high in found), (jitter, u, q)
-
-
-def said(chapter: str, pattern: str) -> list[float]:
-    """The numbers that a sentence of a chapter states."""
-    cells = nbformat.read(next(NOTEBOOKS.glob(f"{chapter}_*.ipynb")), as_version=4).cells
-    (found,) = re.finditer(pattern, "\n".join(cell.source for cell in cells if cell.cell_type == "markdown"))
-    return [float(number) for number in found.groups()]
-
-
-def test_sentences_state_what_the_widgets_show() -> None:
-    car = explore_car(sdhj.solve(reference_car((33, 33, 32)), progress=False, play=False))
-    ahead, back = (car.set(heading=heading)["share of places for this heading"] for heading in (0.0, 3.14))
-    assert said("15", r"of the (\d+) % of places (\d+) % are left, half of them") == [
-        round(100 * ahead),
-        round(100 * back),
-    ]
-    assert car.set(within=0)["share of places for this heading"] == pytest.approx(back / 2, abs=0.005)
-    own = functions("16_the_robot_as_it_is.ipynb", "cart", "drive")
-    late = explore_sensing(own["cart"](), own["drive"])
-    late.set(error=0.0, delay=0.2)
-    aware, perfect = (late.numbers[f"promised, {which}"] for which in ("reckons with it", "does not"))
-    assert said("16", r"still promises (0\.\d+), four fifths") == [round(aware, 2)]
-    assert aware / perfect == pytest.approx(0.8, abs=0.03)
-    late.set(error=0.08, delay=0.2, jitter=0.1)
-    worst = sdhj.Sensing(error=0.08, delay=0.2, jitter=0.1)
-    target = sdhj.solve(own["cart"](sensing=worst), progress=False, play=False).fraction(start=0, within=0)
-    assert late.numbers["promised, reckons with it"] == target > 0.0
 
 
 def test_who_reckons_with_errors_does_not_lose() -> None:

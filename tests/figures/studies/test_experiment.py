@@ -1,11 +1,8 @@
 """The experiment with torques: the servo and e against closed forms, the guarantee, and controls that must lose."""
 
 import importlib.util
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,8 +36,6 @@ from experiment import (
     play,
     recorded,
 )  # fmt: skip
-
-FIGURES = Path(experiment.__file__).parent
 
 
 @cache
@@ -172,10 +167,3 @@ def test_the_command_writes_a_table_and_a_film_strip(tmp_path, monkeypatch) -> N
     text = (tmp_path / "experiment.md").read_text()
     assert "certified, 2 rad/s, 4" in text and "with 95% confidence" in text
     assert (tmp_path / "experiment_strip.png").stat().st_size > 20_000
-
-
-@pytest.mark.slow
-def test_without_mujoco_one_line_says_what_to_install() -> None:
-    code = "import sys; sys.modules['mujoco'] = None; from experiment import main; main(['any'])"
-    done = subprocess.run([sys.executable, "-c", code], cwd=FIGURES, capture_output=True, text=True)
-    assert done.returncode == 2 and "sdhj[physics]" in done.stderr and "Traceback" not in done.stderr

@@ -156,8 +156,9 @@ def test_pictures_and_the_command_line(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_without_mujoco_one_line_says_what_to_install() -> None:
-    code = "import sys; sys.modules['mujoco'] = None; from physics import main; main(['any.npz'])"
+@pytest.mark.parametrize("script", ["physics", "experiment"])
+def test_without_mujoco_one_line_says_what_to_install(script) -> None:
+    code = f"import sys; sys.modules['mujoco'] = None; from {script} import main; main(['any.npz'])"
     done = subprocess.run([sys.executable, "-c", code], cwd=FIGURES, capture_output=True, text=True)
     assert done.returncode == 2 and "sdhj[physics]" in done.stderr and "Traceback" not in done.stderr
 
