@@ -139,47 +139,6 @@ def test_paired_runs_in_the_plane(method: str, rng: np.random.Generator) -> None
             assert least > (0.1 * before.mean() if cost == "effort" else 0.0), (cost, rule, least, before.mean())
 
 
-@pytest.mark.slow
-def test_paired_runs_on_the_arm(rng: np.random.Generator) -> None:
-    """The same on the paper's robot, 17 nodes on each axis: dq = (u, 0) + v, v drawn for each interval."""
-    problem, bounds = sdhj.arm_case_study(nodes=17), np.array([0.3, 0.3, 0.2, 0.2])
-    made = sdhj.solve(problem, progress=False, play=False)
-    starts = rng.uniform(problem.grid.lower, problem.grid.upper, (20_000, 4))
-    starts = starts[made.contains(starts) & (problem.target_value(starts, 0.0) > 0)][:1000]
-    pushes = rng.uniform(-bounds, bounds, (problem.steps, len(starts), 4))
-
-    def played(rule: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which runs arrive, their effort, and their least distance from what is unsafe."""
-        controller, q, going = sdhj.Controller(made, rule=rule), starts.copy(), np.ones(len(starts), bool)
-        arrived, effort, nearest = ~going, np.zeros(len(starts)), np.full(len(starts), np.inf)
-        for step in range(problem.steps + 1):
-            arrived |= going & (problem.target_value(q, problem.time(step)) <= 0)
-            going &= ~arrived
-            if step < problem.steps:
-                chosen = controller.choose(controller.batch(q, step))
-                going &= chosen >= 0
-                u = problem.inputs[np.maximum(chosen, 0)]
-                effort += going * 0.1 * (u**2).sum(axis=1)
-                for part in range(1, 11):
-                    moved = q + 0.01 * (np.hstack([u, 0 * u]) + pushes[step])
-                    moved[:, 2:] = np.clip(moved[:, 2:], -0.36, 0.36)
-                    q = np.where(going[:, None], moved, q)
-                    away = problem.unsafe_value(q, problem.time(step) + 0.01 * part)
-                    nearest = np.where(going, np.minimum(nearest, away), nearest)
-                    going &= away > 0
-        return arrived, effort, nearest
-
-    for cost, at, sign in (("effort", 1, -1.0), ("clearance", 2, 1.0)):
-        with_it = played(sdhj.CostToGo(made, cost, progress=False))
-        assert with_it[0].mean() >= 0.975
-        for rule in ("deepest", cost):
-            one = played(rule)
-            both = with_it[0] & one[0]
-            gained = sign * (with_it[at] - one[at])[both]
-            least = gained.mean() - 1.96 * gained.std() / np.sqrt(both.sum())
-            assert least > (0.1 * one[1][both].mean() if cost == "effort" else 0.0), (cost, rule, least)
-
-
 def test_the_loop_counts_its_steps() -> None:
     """Though nothing depends on the time: else a robot that has time left would never go."""
     made = table("certified")
