@@ -7,6 +7,7 @@ import judge
 import numpy as np
 import pytest
 import zoo
+from naive_certified import SMALL
 
 import sdhj
 import sdhj.table.controller
@@ -142,8 +143,8 @@ def test_what_the_fallback_promises_is_kept(method: str, rng: np.random.Generato
 @pytest.mark.slow
 def test_the_arms_proof_says_where_it_is_clear(rng: np.random.Generator) -> None:
     """A promise of the certified arm: half of its states have none, and where there is one, nobody meets the arm."""
-    problem = sdhj.arm_case_study(nodes=9, steps=3)
-    table = sdhj.solve(problem, Certified(cells=(56, 56, 16, 16)), progress=False)
+    problem = sdhj.arm_case_study(**SMALL)
+    table = sdhj.solve(problem, Certified(cells=(32, 32, 12, 12), parts=4), progress=False)
     states = rng.uniform(table.grid.lower, table.grid.upper, (2000, 4))
     hazards = table.hazards(states, 1)
     safe = table.certified_inputs(states, 1, 2)
