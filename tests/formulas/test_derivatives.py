@@ -12,7 +12,7 @@ WIND = gridded(np.array([[0.0, 1.0, 0.5], [2.0, -1.0, 0.0]]), [-1.0, -1.0], [2.0
 STEADY = {
     "waves": lambda p: np.sin(p[:, 0]) * np.cos(2 * p[:, 1]) + np.tanh(p[:, 2]) + np.arctan(p[:, 0] - p[:, 1]),
     "exponentials": lambda p: (
-        np.exp(-(p**2).sum(axis=1)) + np.log(2.5 + p[:, 0]) + (2.5 + p[:, 1]) ** 1.5 + 2.0 ** p[:, 2]
+        np.exp(-(p**2).sum(axis=1)) + np.log(5 + 2 * p[:, 0]) + (5 + 2 * p[:, 1]) ** 1.5 + (1 - 2 * p[:, 2]) ** 3
     ),
     "kinks": lambda p: np.abs(p[:, 0] - p[:, 1]) + np.maximum(p[:, 0], p[:, 2]) * np.clip(p[:, 1], -0.5, 0.5),
     "lengths": lambda p: np.hypot(p[:, 0], p[:, 1]) + np.linalg.norm(p, axis=1) + np.sqrt(p[:, 1] ** 2 + p[:, 2] ** 2),

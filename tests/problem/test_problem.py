@@ -1,4 +1,4 @@
-"""Problems and grids refuse what cannot be right, naming the value and the remedy."""
+"""Grids and problems: interpolation, what sets are over a time and along a path, functions of all kinds."""
 
 import dataclasses
 import inspect
