@@ -127,6 +127,21 @@ def test_swept_that_is_not_given_bounds_every_time(level_set):
     assert (sampled > dense + 1e-4).any()
 
 
+@pytest.mark.parametrize("when", [0.2, 0.3501, 0.4999])
+def test_what_comes_and_goes_between_samples_is_in_the_swept_set(when):
+    """At a place, and in cells: as long as it is there at all; samples see nothing of it but at one."""
+    part = UnsafeSet((0,), lambda p, t: np.where(np.abs(t - when) < 5e-5, np.abs(p[:, 0]) - 0.5, 2.0))
+    points = np.linspace(-1.0, 1.0, 41)[:, None]
+    least = part.least(points - 0.1, points + 0.1, 0.2, 0.5, "swept")
+    assert (least <= np.maximum(np.abs(points[:, 0]) - 0.6, -0.5) + 1e-12).all()
+    assert (part.over(points, 0.2, 0.5, "swept") <= np.abs(points[:, 0]) - 0.5).all()
+    for sampled in (
+        part.least(points - 0.1, points + 0.1, 0.2, 0.5, "sampled"),
+        part.over(points, 0.2, 0.5, "sampled"),
+    ):
+        assert (sampled == 2.0).all() == (when != 0.2)
+
+
 def test_true_values_need_no_grid():
     problem = plane(
         grid=Grid([0.0, 0.0], [1.0, 1.0], (9, 9)),

@@ -85,6 +85,19 @@ def test_tubes_and_inputs_are_those_of_plain_loops(method):
         assert not 0 < fewest[i] < 99 or set(np.flatnonzero(safe).tolist()) <= ways[i]
 
 
+@pytest.mark.parametrize("method", [sdhj.HJI(), Joint(), sdhj.Certified(cells=(160,))], ids=lambda one: one.name)
+def test_an_interval_that_may_end_early_is_looked_at_to_its_latest_end(method):
+    """At 1.1 m/s for 0.6 s at most: the station is met from 0.66 m before it on, and so it is by who goes back."""
+    nearly_all = sdhj.TargetSet((0,), lambda p, t: -0.9 - p[:, 0])
+    grid = sdhj.Grid([-1.0], [3.0], [161], ends="wall")  # with unsafe ends the joint game is not played alone
+    problem = replace(line(), grid=grid, target=nearly_all, steps=1, sensing=sdhj.Sensing(jitter=0.05))
+    table, x = sdhj.solve(problem, method, progress=False, play=False), problem.grid.nodes(0)
+    forth, back = (table.inputs(start=0, within=1)[:, j] for j in FAST)
+    assert not forth[(x >= STATION[0] - 0.65) & (x <= STATION[1])].any()
+    assert not back[(x >= STATION[0]) & (x <= STATION[1] + 0.65)].any()
+    assert forth[(x > -0.8) & (x < STATION[0] - 0.7)].all() and back[(x > STATION[1] + 0.7) & (x < 2.9)].all()
+
+
 def test_it_is_not_a_set_of_no_inputs_nor_one_of_all():
     shares = [sdhj.solve(line(one), play=False, progress=False).fraction() for one in (None, FAST, (1,))]
     assert shares[0] < shares[1] and all(np.isfinite(shares))

@@ -118,6 +118,13 @@ def test_of_the_collisions_of_many_runs_all_are_counted():
     assert (at_instants <= 0.1).sum() < 0.8 * hit.sum()  # what 20 instants see
 
 
+def test_who_meets_a_set_in_the_instant_in_which_he_leaves_the_grid_has_collided():
+    """At 1 m/s, past the end at 4 m; the other one leaves at the end where no set is."""
+    cliff = sdhj.UnsafeSet((0,), lambda p, t: 4.0 - p[:, 0])
+    problem = zoo.line([1.0, -1.0], 0.0, unsafe=[cliff])
+    assert outcomes(problem, np.array([[3.99], [-3.99]]), np.array([0, 1])).tolist() == [COLLIDED, OFF]
+
+
 def test_a_run_stops_where_it_has_left_the_grid():
     """dx = 40 x^3 from .9 passes the end at 1 at once, and every number soon; the other run goes on to the end."""
     dynamics = sdhj.Dynamics([[0.0]], lambda q, u: 40.0 * q**3 + u, np.eye(1), [0.1])
