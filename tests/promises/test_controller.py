@@ -193,7 +193,7 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
 def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
     table, promised = tables[name] if name != "double" else double_table(), set()
     for step in range(table.steps):
-        states = random_states(table.problem, 8, rng)
+        states = random_states(table.problem, 5, rng)
         chosen, steps, hazards = fallbacks(table, states, step)
         every = table.hazards(states, step)
         following = [table.value_array(step + 1, table.steps - step - 1)]

@@ -24,7 +24,7 @@ def rooms(**given: Any) -> sdhj.ReachAvoidProblem:
 
 @cache
 def table(method: str) -> Any:
-    options = {"certified": sdhj.Certified(cells=[100, 75], parts=4)}
+    options = {"certified": sdhj.Certified(cells=[80, 60], parts=4)}
     return sdhj.solve(rooms(), options.get(method, method), progress=False, play=False)
 
 

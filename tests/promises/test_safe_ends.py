@@ -67,14 +67,14 @@ def within_cells(grid, wrong, truth, cells):
 def test_a_stream_against_its_closed_form(method, delta):
     """The interval may be as long as the whole way: wrong within a cell of the boundary only, less on finer grids."""
     exact, errors = share_swept_away(), []
-    for nodes in ((41, 61), (121, 181)):
+    for nodes in ((41, 61), (81, 121)):
         table = sdhj.solve(stream(delta, nodes), METHODS[method], progress=False)
         unsafe, grid = table.values(start=0, within=table.steps) > 0, table.grid
         truth = swept_away(grid.points()).reshape(grid.shape)
         assert within_cells(grid, unsafe & ~truth, swept_away, 2) and within_cells(grid, truth & ~unsafe, swept_away, 1)
         assert grid.fraction(truth & ~unsafe) < 1e-3  # where it errs, it errs to the safe side
         errors.append(grid.fraction(unsafe) - exact)
-    assert 0 < errors[1] < 0.0075 < 0.02 > errors[0] > errors[1]  # a cell of the coarser: 0.05 * 2 / 6 on each side
+    assert 0 < errors[1] < 0.01 < 0.02 > errors[0] > errors[1]  # a cell of the coarser: 0.05 * 2 / 6 on each side
 
 
 HIGH, HUB, HOLE = np.array([1.0, 0.9]), np.array([-0.8, 0.0]), 0.15

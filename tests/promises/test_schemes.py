@@ -89,7 +89,7 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, monkeypatch, plain,
     cases(
         ((9,), (True,)),
         ((6, 7), (False, True)),
-        ((5, 5, 6, 7), (True, True, False, False)),
+        ((5, 5, 5, 6), (True, True, False, False)),
         ((5, 5, 6, 5, 7), (True, False, False, True, False)),
         ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
     ),
