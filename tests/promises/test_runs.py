@@ -158,10 +158,9 @@ def test_state_dependent_velocities_in_the_loop() -> None:
 # ---- monte_carlo
 
 
-@pytest.mark.slow
 def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
-    controller = Controller(zoo.torus_table())
-    runs = simulation.CHUNK + 500
+    controller, runs = Controller(zoo.torus_table()), 150
+    monkeypatch.setattr(simulation, "CHUNK", 100)
     one = monte_carlo(controller, runs, "random", seed=7, progress=False)
     monkeypatch.setattr(simulation, "threads", lambda: 1)
     two = monte_carlo(controller, runs, "random", seed=7, progress=False)

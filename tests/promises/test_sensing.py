@@ -565,6 +565,7 @@ def test_nothing_is_promised_to_a_state_that_is_off_the_grid(sensing, ends, meth
     controller = Controller(sdhj.solve(replace(problem, steps=4), method, progress=False))
     may, off = 1.2 + sensing.error, 1.2 + sensing.error + 1e-3
     assert controller.predict([may], 0)[0] <= 1.2 and controller.predict([-may], 0)[0] >= -1.2
+    assert not controller.table.contains([[1.2 + 1e-3], [-1.2 - 1e-3], [6.0]], start=0).any()  # a state, not measured
     for q in ([off], [-off], [6.0]):
         assert controller.predict(q, 0).tolist() == q
         action = controller.step(q, 0.0)

@@ -24,7 +24,7 @@ def car(pace=PACE, steps=3):
 
 @cache
 def solved(pace=PACE):
-    return sdhj.solve(car(pace), sdhj.Certified(cells=(32, 32, 24), parts=4), progress=False, play=False)
+    return sdhj.solve(car(pace), sdhj.Certified(cells=(40, 40, 32)), progress=False, play=False)
 
 
 def states_at(step, pace=PACE, count=1000):
@@ -89,6 +89,7 @@ def test_inputs_in_the_target_lead_back_into_it_or_there_is_none(rule):
     assert tried
 
 
+@pytest.mark.slow
 def test_a_step_and_the_filter_say_so():
     controller = sdhj.Controller(solved())
     states, there = states_at(1)
@@ -104,6 +105,7 @@ def test_a_step_and_the_filter_say_so():
         assert not controller.step(q, 0.25).arrived
 
 
+@pytest.mark.slow
 def test_runs_that_arrive_are_told_so_by_every_answer():
     """A loop as the README's, by `select`, against the judge's wind: whoever stops has arrived."""
     table, rng = solved(), np.random.default_rng(3)
@@ -173,3 +175,12 @@ def test_what_cannot_be_seen_is_not_claimed(tmp_path):
     assert not table.contains([[0.94]], within=0)[0] and table.contains([[0.5]], within=0)[0]
     sdhj.export_c(table, tmp_path, progress=False)
     assert "#define SDHJ_ROBOT_ARRIVES 0" in (tmp_path / "sdhj_robot.h").read_text()
+
+
+def test_whoever_is_past_an_end_has_not_arrived():
+    """The target reaches beyond the grid, which ends at 4."""
+    problem = zoo.line(target=zoo.goal(4.0, 1.0), ends="unsafe")
+    table = sdhj.solve(problem, sdhj.Certified(cells=(80,)), progress=False, play=False)
+    states = np.array([[3.99], [4.0], [4.0 + 1e-7], [4.2]])
+    assert sdhj.Controller(table).batch(states, 0).steps_to_go.tolist() == [0, 0, -1, -1]
+    assert table.contains(states, within=0).tolist() == [True, True, False, False]
