@@ -1,5 +1,7 @@
 """What the checker reads of a robot: robots of all kinds are proved, forged tables of numbers refused."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import zoo
@@ -8,6 +10,7 @@ from forging import FORGERIES, forged, replaced
 
 import sdhj
 from sdhj.certified.check import verify
+from sdhj.certified.check.stated import BlackBox
 
 
 def saved(problem, path, cells=(60, 60)):
@@ -94,3 +97,13 @@ def test_a_strong_push_is_widened_by_its_own_roundings(push, tmp_path):
     )
     sdhj.solve(problem, sdhj.Certified(cells=(10, 10)), progress=False, play=False).save(tmp_path / "pushed.npz")
     assert (verdict := verify(tmp_path / "pushed.npz", progress=False)).ok, str(verdict)
+
+
+@pytest.mark.parametrize("when", [0.0, 1.0, None])
+def test_what_is_stated_of_a_black_box_is_tried_at_either_end_of_the_times(when):
+    """A wall that is half a metre nearer at one instant, of which its author says that it hardly moves."""
+    wall = sdhj.BlackBox(lambda p, t: p[:, 0] - (0.5 if t == when else 0.0), slope=1.0, rate=0.1)
+    low, high = np.zeros((3, 1)), np.full((3, 1), 0.2)
+    with pytest.raises(ValueError, match="wall") if when is not None else nullcontext():
+        least, most = BlackBox("wall", wall, 1, 1).bounds(low, high, (0.0, 1.0))
+        assert (least <= -0.05).all() and (most >= 0.25).all()
