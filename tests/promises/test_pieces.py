@@ -40,6 +40,18 @@ def test_pieces_converge_to_brute_force():
     assert share(misled(nodes=41)) == found[8]
 
 
+def test_between_planes_all_is_widened_by_what_two_predictions_may_be_off():
+    """Along the axes by 0.05 m twice, and along the normal of each plane by as much as such a box reaches."""
+    exact = misled(nodes=11)
+    sensed, normals = replace(exact, sensing=sdhj.Sensing(0.05, memory=False)), exact.interval(0).normals
+    sets = [one.interval(0).displacement_sets(np.zeros((1, 2)))[..., 0] for one in (exact, sensed)]
+    wider = sets[1] - sets[0]
+    np.testing.assert_allclose(wider[:2], np.broadcast_to([[[-0.1]], [[0.1]]], wider[:2].shape), atol=1e-12)
+    along = np.moveaxis(wider[4:], 1, 0).reshape(wider.shape[1], -1)[:, : len(normals)]
+    assert len(normals) > 4
+    np.testing.assert_allclose(along, np.broadcast_to(0.1 * np.abs(normals).sum(axis=1), along.shape), rtol=1e-9)
+
+
 def test_boxes_of_pieces_equal_the_slow_twin(rng):
     """Each piece has the box of its own arc; the Hamiltonian is the most of theirs, and never below the true one."""
     problem, cut = misled(nodes=11), np.linspace(-ERROR, ERROR, 9)

@@ -13,6 +13,7 @@ import zoo
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, Sensing, TargetSet, UnsafeSet
+from sdhj.problem.uncertain import largest_in_error_box
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.outcomes import COLLIDED, REACHED
 from sdhj.simulation.sensed import Runs
@@ -375,6 +376,45 @@ def test_points_are_carried_on_by_the_current_of_their_own_interval():
     for number in range(3):
         runs.simulate_inputs(number, rows, rows % 2, np.ones(30, np.int64))
         np.testing.assert_allclose(runs.predictions - runs.states, errors, rtol=0, atol=1e-5)
+
+
+def test_every_run_is_played_between_its_own_times():
+    """At 0.5 m/s, or standing, for as long as lies between a begin and an end that are early, on time or late."""
+    problem = zoo.line([0.0, 0.5], 0.0, sensing=Sensing(jitter=0.1, memory=False), steps=4)
+    controller = Controller(sdhj.solve(problem, progress=False, play=False))
+    given = ADVERSARIES["random"], np.random.default_rng(0), problem.sensing, None
+    runs, rows = Runs(controller, np.linspace(-3.0, 1.0, 90)[:, None], *given, False, False), np.arange(90)
+    for number in range(3):
+        before, begins = runs.states[:, 0].copy(), runs.offsets.copy()
+        runs.simulate_inputs(number, rows, rows % 2, np.ones(90, np.int64))
+        lasted = 0.5 + 0.1 * (runs.offsets - begins)
+        np.testing.assert_allclose(runs.states[:, 0] - before, 0.5 * (rows % 2) * lasted, rtol=0, atol=1e-12)
+        assert len({*zip(begins.tolist(), runs.offsets.tolist(), strict=True)}) == 9
+
+
+@pytest.mark.parametrize(("begin", "growth"), [(0.1, 0.2), (0.5, -0.2)])
+def test_predictions_are_as_far_off_as_the_strongest_gusts_of_all_steps_make_them(begin, growth):
+    """|v| <= begin + growth t until 1.6 s, for 0.1 s; and a point that is carried on, for 0.5 s more."""
+    dynamics = Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], lambda t: np.stack([begin + growth * t]))
+    problem, most = zoo.line(dynamics=dynamics, sensing=Sensing(0.05, 0.1)), max(begin, begin + 1.6 * growth)
+    np.testing.assert_allclose(problem.half_widths[0], [0.05 + 0.1 * most], rtol=2e-3)
+    np.testing.assert_allclose(problem.error_growth, [0.5 * most], rtol=2e-3)
+    assert problem.half_widths[0][0] >= 0.05 + 0.1 * most - 1e-12
+
+
+@pytest.mark.parametrize("error", [0.03, 0.07, 0.1, 0.25, 0.33])
+@pytest.mark.parametrize("ndim", [1, 2])
+def test_the_largest_value_in_a_box_is_that_of_many_points_of_it(ndim, error, rng):
+    """Of noise, whose largest values are at nodes, anywhere in the box."""
+    wide = zoo.goal(*[0.0] * ndim, 1.9)
+    problem = (zoo.line, zoo.plane)[ndim - 1](nodes=21, target=wide, sensing=Sensing(error, memory=False))
+    grid, values = problem.grid, rng.normal(size=(21,) * ndim)
+    points = rng.uniform(np.array(grid.lower) + 0.4, np.array(grid.upper) - 0.4, (60, ndim))
+    along = np.linspace(-error, error, 401 if ndim == 1 else 41)
+    off = np.stack(np.meshgrid(*[along] * ndim), axis=-1).reshape(-1, ndim)
+    dense = grid.interpolate(values, (points[:, None] + off).reshape(-1, ndim)).reshape(60, -1).max(axis=1)
+    found = largest_in_error_box(problem, values, points)
+    assert (found >= dense - 1e-12).all() and np.median(found - dense) < 0.1
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

@@ -87,6 +87,16 @@ def test_greedy_takes_the_vertex_that_comes_nearest(rng: np.random.Generator) ->
     np.testing.assert_array_equal(greedy(later), -found)  # it decides at every fourth substep
 
 
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_greedy_looks_at_sets_where_they_are_when_it_comes_there(way: float) -> None:
+    """To one side of the robot something appears just before the end of the interval."""
+    late = sdhj.UnsafeSet((0,), lambda p, t: np.where(t > 0.45, np.abs(p[:, 0] - way) - 0.1, 5.0))
+    controller = Controller(sdhj.solve(zoo.line(ends="wall", unsafe=[late]), progress=False, play=False))
+    held = np.ones(1, dtype=int)
+    assert controller.problem.inputs[1] == 0.0
+    assert greedy(moment(controller, np.zeros((1, 1)), inputs=held)).tolist() == [[0.2 * way]]
+
+
 def test_what_is_nearest_is_a_set_or_an_unsafe_end() -> None:
     assert level_of_unsafe(drone(), np.array([[2000.0, 0.0]]), 0.0, np.array([0])) == np.inf
     joint = zoo.cart(
