@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from sdhj import Grid, Scheme
 from sdhj.problem.boxes import INTERPOLATIONS, maximum_over_boxes
 from sdhj.problem.velocities import Velocities
+from sdhj.solver.hopf_lax import Moved, maxima_over_sets
 from sdhj.solver.schemes import evolve
 
 ROUNDING = 1e-12  # a dozen float64 operations on values of order one
@@ -116,3 +117,16 @@ def test_finite_differences_converge_to_the_closed_form():
     rates = {name: -np.polyfit(np.log(nodes), np.log(errors), 1)[0] for name, errors in differences.items()}
     print(differences, rates)
     assert rates["hji"] > 1.5 and rates["lax"] > 1.5  # second order but at the kinks
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_is_past_a_safe_end_by_the_drift_alone_is_not_out_of_danger(side):
+    """Led on by 0.3 m and by up to 0.2 m more or less along a diagonal, where all that is inside is in danger."""
+    ends = [["unsafe", "safe"] if side > 0 else ["safe", "unsafe"], "wall"]
+    grid = Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=ends)
+    wide = grid.wider([(0, 8) if side > 0 else (8, 0), (0, 0)], grid.ends)
+    by, half = np.array([[side * 0.3, 0.0]]), np.array([[[0.2, 0.2]]])
+    (some,) = maxima_over_sets(wide, np.ones(wide.shape), Moved(by, by, half), "linear", wide.inner)
+    least = side * grid.nodes(0) + 0.3 - 0.2  # how far out it may be at the end, at least
+    expected = np.where(least > 1.0 + 1e-9, 1.0 - least, 1.0)
+    np.testing.assert_allclose(some.of()[0], np.broadcast_to(expected[:, None], grid.shape), atol=1e-9)
