@@ -98,11 +98,6 @@ def test_an_interval_that_may_end_early_is_looked_at_to_its_latest_end(method):
     assert forth[(x > -0.8) & (x < STATION[0] - 0.7)].all() and back[(x > STATION[1] + 0.7) & (x < 2.9)].all()
 
 
-def test_it_is_not_a_set_of_no_inputs_nor_one_of_all():
-    shares = [sdhj.solve(line(one), play=False, progress=False).fraction() for one in (None, FAST, (1,))]
-    assert shares[0] < shares[1] and all(np.isfinite(shares))
-
-
 def test_a_run_that_applies_it_there_has_collided():
     problem = line()
     table = sdhj.solve(problem, progress=False, play=False)

@@ -1,9 +1,7 @@
 """A solve on disk has the bits of one in memory, goes on where it was stopped, and says what is in its way."""
 
 import errno
-import json
 import os
-import pickle
 import shutil
 import signal
 import subprocess
@@ -333,12 +331,3 @@ def test_memory_and_disk_are_looked_at_first(problem, tmp_path, monkeypatch):
     with room(10**8), pytest.raises(MemoryError, match=r"0\.1 GB are available"):
         sdhj.solve(problem, store=tmp_path / "u", progress=False)
     assert not (tmp_path / "u").exists()
-
-
-def test_a_table_of_a_folder_is_pickled_and_asked_as_any(problem, table, tmp_path):
-    stored = sdhj.solve(problem, store=tmp_path / "t", progress=False)
-    again = pickle.loads(pickle.dumps(stored))
-    states = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 2))
-    for one in (stored, again):
-        np.testing.assert_array_equal(one.batch(states, 0).safe, table.batch(states, 0).safe)
-    assert json.loads(json.dumps(dict(stored.details)))["pdes_solved"] == table.details["pdes_solved"]
