@@ -332,16 +332,16 @@ def test_the_librarys_own_plant_and_adversaries_agree(name, adversary):
 
 @pytest.mark.parametrize("first", [0, 2])
 def test_time_steps_are_as_many_as_the_speeds_of_their_own_interval_ask_for(first):
-    """dx = u (1 + 2 t) + v: at most 2.12, 3.12 and 4.12 m/s, by .75 of a cell of 0.1 m, in whatever order."""
+    """dx = u (1 + 2 t) + v: at most 2.12, 3.12 and 4.12 m/s, by .75 of a cell of 0.2 m, in whatever order."""
     inputs = np.array([[-1.0], [1.0]])
     dynamics = sdhj.Dynamics(inputs, lambda q, u, t: u * (1.0 + 2.0 * t) + 0.0 * q, [[1.0]], [0.12])
-    problem = zoo.line(dynamics=dynamics, unsafe=[zoo.post(3.0, 0.3)])
+    problem = zoo.line(dynamics=dynamics, unsafe=[zoo.post(3.0, 0.5)], nodes=41)
     games, order = sdhj.HJI().on(Samples(problem)), [first, 1, 2 - first]
-    assert [games.steps((0,), step) for step in order] == [int(np.ceil((2.12 + k) * 0.5 / 0.075)) for k in order]
+    assert [games.steps((0,), step) for step in order] == [int(np.ceil((2.12 + k) * 0.5 / 0.15)) for k in order]
     tables = [sdhj.solve(problem, method, progress=False, play=False) for method in ("hji", "lax")]
     for step in range(3):
         shares = [one.fraction(start=step, within=1) for one in tables]
-        assert abs(shares[0] - shares[1]) < 0.02 and shares[0] > tables[0].fraction(start=step, within=0)
+        assert abs(shares[0] - shares[1]) < 0.03 and shares[0] > tables[0].fraction(start=step, within=0)
 
 
 def lattice_problem(seed=4):
