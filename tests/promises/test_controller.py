@@ -215,6 +215,38 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
     assert 1 in promised
 
 
+@pytest.mark.parametrize("boxed", [False, True], ids=["formula", "black box"])
+@pytest.mark.parametrize("soon", [False, True])
+def test_true_sets_are_looked_at_at_the_times_of_the_points(soon: bool, boxed: bool) -> None:
+    """From -1.3 m, pushed, into what is the target or unsafe at the end of the interval alone, or until then.
+
+    The tubes know nothing of it: at the end the state is from -0.9 to -0.7 m, and -0.8 m without a push.
+    """
+
+    def only(inside: Any, far: float) -> Any:
+        return lambda p, t: np.where((t < 0.47) == soon, inside(p), far)
+
+    known = zoo.line(steps=1)
+    for unsafe, target, safe in (
+        (only(lambda p: np.abs(p[:, 0] + 0.69) - 0.05, 5.0), known.target.level_set, soon),
+        (lambda p, t: 9.0 - p[:, 0], only(lambda p: np.abs(p[:, 0]) - 1.0, 5.0), not soon),
+    ):
+        part = sdhj.UnsafeSet((0,), sdhj.BlackBox(unsafe, slope=1.0, rate=100.0) if boxed else unsafe)
+        told = replace(known, unsafe=[part], target=sdhj.TargetSet((0,), target))
+        controller = Controller(replace(solved(known), problem=told))
+        assert controller.batch([[-1.3]], 0).safe.tolist() == [[False, False, safe]]
+
+
+@pytest.mark.parametrize("method", ["hji", "lax", sdhj.Certified(cells=[40])], ids=["hji", "lax", "certified"])
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_without_a_target_as_many_steps_are_to_go_as_are_left(rate: float, method: Any) -> None:
+    problem = zoo.interval_problem(nodes=41, rate=rate, target=None, steps=4)
+    controller = Controller(solved(problem, method))
+    for step in range(5):
+        assert controller.batch([[0.0], [3.9]], step).steps_to_go.tolist() == [4 - step, -1]
+        assert controller.steps_to_go(np.zeros(1), step) == 4 - step
+
+
 @pytest.mark.parametrize("ends", ["wall", "unsafe"])
 @pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[40, 40])], ids=["hji", "certified"])
 def test_a_fallback_promises_nothing_off_the_grid(ends: str, method: Any) -> None:

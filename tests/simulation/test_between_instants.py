@@ -118,6 +118,17 @@ def test_of_the_collisions_of_many_runs_all_are_counted():
     assert (at_instants <= 0.1).sum() < 0.8 * hit.sum()  # what 20 instants see
 
 
+@pytest.mark.parametrize("inputs", [None, [0]])
+def test_no_run_begins_in_a_set_that_is_unsafe_under_all_inputs(inputs):
+    """Whatever the tubes say, which know of none here."""
+    problem = zoo.line()
+    blind = sdhj.solve(problem, play=False, progress=False)
+    part = replace(zoo.post(0.0, 0.5), inputs=inputs)
+    controller = sdhj.Controller(replace(blind, problem=replace(problem, unsafe=[part])))
+    starts = sdhj.monte_carlo(controller, runs=500, adversary="none", progress=False).starts
+    assert (np.abs(starts[:, 0]) <= 0.5).any() == (inputs is not None)
+
+
 def test_who_meets_a_set_in_the_instant_in_which_he_leaves_the_grid_has_collided():
     """At 1 m/s, past the end at 4 m; the other one leaves at the end where no set is."""
     cliff = sdhj.UnsafeSet((0,), lambda p, t: 4.0 - p[:, 0])
