@@ -8,9 +8,11 @@ import fig14_timing
 import numpy as np
 import pytest
 import shrink
+from artists import axes, named
 from click.testing import CliRunner
 from common import HERE, NAMES, Context, command_of, draw, script, starts_of_runs, title, write
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from PIL import Image
 
 import sdhj
@@ -45,6 +47,9 @@ VALUES = {
     "extra_view_time": [0.10831, 0.16734, 0.10986],
     "extra_worked": [0.25507, 0.61931, 0.69825, 0.59583, 0.74844],
 }
+# Those whose lines, bars or images show the numbers above
+CHARTS = {name for name in VALUES if name.startswith("extra")}
+CHARTS -= {"extra_dcdc", "extra_overview", "extra_rules", "extra_worked"}
 DIAGRAMS = {"fig02_offline", "fig03_online", "fig05_game"}
 LEFT_OUT = {name for name in NAMES if not getattr(script(name), "MAIN_JOB", True)}
 
@@ -83,11 +88,32 @@ def test_every_figure_of_the_paper_is_there():
     }
 
 
+def numbers(figure: Figure) -> np.ndarray:
+    """What lines, bars and images show; shares also where they are in percent."""
+    found = [line.get_ydata() for ax in figure.axes for line in ax.lines]
+    found += [[bar.get_height() for bar in ax.patches if isinstance(bar, Rectangle)] for ax in figure.axes]
+    found += [np.ma.filled(image.get_array(), np.nan) for ax in figure.axes for image in ax.images]
+    every = np.concatenate([np.ravel(one).astype(float) for one in found])
+    return np.concatenate([every, every / 100])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_figures_are_drawn_whole(context, name):
+def test_figures_are_drawn_whole_and_show_their_numbers(context, name):
     figure = draw(name, context)
     assert figure.axes and sticks_out(figure) < 1.0  # antialiasing
+    if name in CHARTS:
+        for one in np.ravel(VALUES[name]):
+            assert np.nanmin(np.abs(numbers(figure) - one)) < 5e-4, one  # as below
+
+
+def test_ratios_of_times_are_those_of_the_times():
+    left, right = axes(ncols=2)
+    times = {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}
+    fig14_timing.draw_timings((left, right), dict.fromkeys(("paper's scheme", "node updates", "default"), times))
+    assert named(left, "default-hji")[0].get_xydata().tolist() == [[25, 8.0], [40, 60.0]]
+    assert named(right, "default-ratio")[0].get_ydata().tolist() == [4.0, 10.0]
+    assert named(right, "paper-ratio")[0].get_ydata()[[0, -1]] == pytest.approx([586 / 105, 5615 / 549])
 
 
 LONG = LEFT_OUT | {"fig08_lookup_table", "fig13_isosurface"}  # the main job draws them, too
