@@ -261,3 +261,19 @@ def test_what_has_no_cost_along_the_run_is_refused(tmp_path: Any) -> None:
         sdhj.export_c(table("certified"), tmp_path, rule=sdhj.CostToGo(table("certified"), "effort"))  # type: ignore[arg-type]
     with room(100_000), pytest.raises(MemoryError, match="needs about"):
         sdhj.CostToGo(made, "effort")
+
+
+@pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=[80])], ids=["hji", "certified"])
+def test_past_a_safe_end_nothing_is_left_to_cost(method):
+    """From 3.7 m one step to the right leads out at 4 m, for a tenth of what any other step costs."""
+    problem = zoo.line(target=None, ends=[["unsafe", "safe"]], steps=3)
+    table = sdhj.solve(problem, method, progress=False, play=False)
+    right = int(np.argmax(problem.inputs[:, 0]))
+    rule = sdhj.CostToGo(table, lambda among: np.where(among.inputs == right, 0.1, 1.0), progress=False)
+    controller = sdhj.Controller(table, rule)
+    batch = controller.batch([[3.7], [3.2], [-2.0]], 0)
+    scores = np.full(batch.safe.shape, np.inf)
+    rows, inputs = np.nonzero(batch.safe)
+    scores[rows, inputs] = rule(sdhj.Candidates(problem, batch, rows, inputs, np.full(len(rows), -1)))
+    assert scores[0, right] == pytest.approx(0.1) and scores[1, right] == pytest.approx(0.2, abs=0.06)
+    assert controller.choose(batch).tolist() == [right] * 3
