@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import zoo
+from artists import axes
 from experiments import clearances, mean_interval, starts_outside
 from extra_adversary import least_disturbance, sweep_adversary
 from extra_evader import evading_target
 from extra_input_levels import sweep_input_levels
-from extra_rules import compare_rules
+from extra_rules import compare_rules, draw_rules
 from extra_sensing import Promise, car, largest, limits, promised, sweep_sensing
 from extra_view_time import compare_view_times
+from matplotlib.container import BarContainer
 
 import sdhj
 from sdhj.arm.workspace import Disk, Still
@@ -94,6 +96,21 @@ def test_intervals_of_means_are_1_96_standard_errors():
     half = 1.959964 * np.sqrt(14 / 3) / 2
     assert mean_interval(values) == pytest.approx((3 - half, 3 + half), rel=1e-6)
     assert np.isnan(mean_interval([1.0])).all()
+
+
+@pytest.mark.slow
+def test_rules_are_drawn_with_their_intervals(compared):
+    axs = axes(ncols=3)
+    draw_rules(axs, compared)
+    (bars,) = (container for container in axs[2].containers if isinstance(container, BarContainer))
+    good = np.logical_and.reduce([outcome.arrived for outcome in compared])
+    times = np.full((len(compared), len(good)), np.nan)
+    for row, outcome in zip(times, compared, strict=True):
+        row[outcome.arrived] = outcome.time
+    changed = (times[1:] - times[0])[:, good]
+    assert good.sum() > 50 and [bar.get_height() for bar in bars] == pytest.approx(changed.mean(axis=1))
+    ends = [stroke[:, 1] for stroke in bars.errorbar[2][0].get_segments()]
+    np.testing.assert_allclose(ends, [mean_interval(values) for values in changed])
 
 
 @pytest.mark.slow
