@@ -107,6 +107,14 @@ def test_figures_are_drawn_whole_and_show_their_numbers(context, name):
             assert np.nanmin(np.abs(numbers(figure) - one)) < 5e-4, one  # as below
 
 
+@pytest.mark.slow
+def test_the_way_through_the_table_is_framed(context):
+    figure, run = draw("fig08_lookup_table", context), context.run
+    framed = [ax.get_gid() for ax in figure.axes if ax.get_gid() and ax.spines["left"].get_linewidth() > 1.5]
+    way = [f"cell-{k}-{n}" for k, n in enumerate(run.steps_to_go)]
+    assert run.outcome == "reached" and framed == [*way, f"cell-{len(way)}-0"]
+
+
 def test_ratios_of_times_are_those_of_the_times():
     left, right = axes(ncols=2)
     times = {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}
