@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numba import config
 
+from sdhj.common.checks import axis_numbers, real_array
 from sdhj.common.parameters import check_places
 from sdhj.common.remembering import FloatArray, Remembering, kept, read_only
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
@@ -416,13 +417,13 @@ class BlackBox:
         for name in ("slope", "rate"):
             given = getattr(self, name)
             # None states nothing, and is checked as 0.
-            array = np.asarray(0.0 if given is None else given, np.float64)
+            array = real_array(f"{name} of a BlackBox", 0.0 if given is None else given)
             if not (np.isfinite(array).all() and (array >= 0).all()):
                 raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
             if np.ndim(given):
-                object.__setattr__(self, name, read_only(np.array(given, np.float64)))
+                object.__setattr__(self, name, read_only(array))
         if self.reads is not None:
-            object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
+            object.__setattr__(self, "reads", axis_numbers(self.reads, "BlackBox(reads=...)"))
 
     def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
         """A copy under this name, if the function takes `rest` after a state and the enclosure `takes` after a box."""

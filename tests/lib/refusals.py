@@ -865,6 +865,8 @@ REFUSED = [  # a call, what it says
     (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "'target'.*real.*comparison"),
     (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox.*'a'"),
     (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox.*-1.0"),
+    (lambda: BlackBox(max, rate="fast"), "rate of a BlackBox.*real"),
+    (lambda: BlackBox(max, reads=[0.5]), "reads.*whole numbers"),
     (lambda: BlackBox(max, rate=np.nan), "rate of a BlackBox.*nan"),
     (lambda: BlackBox(max, enclosure=3), "enclosure of a BlackBox.*3"),
     (lambda: Dynamics(TWO, TWO, [[1.0]], [0.1]), "inputs.*real numbers"),
