@@ -347,3 +347,24 @@ def test_avoid_games_converge_where_one_push_moves_two_axes(rng):
         errors.append(float(np.mean(table.contains(points, start=0, within=1) != true)))
     assert -np.polyfit(np.log(nodes), np.log(errors), 1)[0] > 1.3
     assert errors[-1] < 4e-4
+
+
+@pytest.mark.parametrize(
+    ("speed", "ends", "gain", "moving"),
+    [
+        (0.2, ("wall", "unsafe"), [[1.0], [1.0]], False),  # what slides along the wall may come back from it
+        (0.2, ("unsafe", "wall"), [[1.0], [1.0]], True),  # nothing drifts along that axis
+        (0.8, ("wall", "unsafe"), [[1.0], [1.0]], True),
+        (0.2, ("unsafe", "unsafe"), [[1.0], [1.0]], True),
+        (0.2, ("wall", "unsafe"), np.eye(2), True),
+    ],
+)
+def test_at_a_wall_the_moving_frame_is_left_where_a_push_that_moves_several_axes_beats_the_drift(
+    speed, ends, gain, moving
+):
+    """Then, and only then, the default scheme has the bits of the fixed frame."""
+    moves = [[speed, 0.0], [-3.0 * speed, 0.0]]  # the slowest decides
+    problem = zoo.plane(moves, 0.5, gain=gain, nodes=21, ends=ends, target=zoo.goal(0.0, 0.0, 1.2), steps=2)
+    tables = [sdhj.solve(problem, sdhj.HJI(sdhj.Scheme(frame=one)), progress=False) for one in ("moving", "fixed")]
+    assert np.array_equal(*(one.values(within=2) for one in tables)) != moving
+    assert tables[0].details["shifted"] == moving
