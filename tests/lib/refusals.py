@@ -865,7 +865,6 @@ REFUSED = [  # a call, what it says
     (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "'target'.*real.*comparison"),
     (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox.*'a'"),
     (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox.*-1.0"),
-    (lambda: BlackBox(max, rate="fast"), "rate of a BlackBox.*real"),
     (lambda: BlackBox(max, reads=[0.5]), "reads.*whole numbers"),
     (lambda: BlackBox(max, rate=np.nan), "rate of a BlackBox.*nan"),
     (lambda: BlackBox(max, enclosure=3), "enclosure of a BlackBox.*3"),
@@ -905,7 +904,7 @@ REFUSED += [  # numbers and sets of a problem; `test_checks` has more of what is
     (lambda: TargetSet((0,), 0.3), "level set of 'target'"),
     (lambda: TargetSet((0,), lambda p: p[:, 0]), "level set of 'target'"),
     (lambda: UnsafeSet((0,), wall, wall), r"of \(points, t0, t1\)"),
-    (lambda: BlackBox(wall, rate="fast"), "fast"),
+    (lambda: BlackBox(wall, rate="fast"), "rate of a BlackBox.*real numbers"),
 ]
 
 
