@@ -82,6 +82,19 @@ def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
     assert (low <= inside).all() and (inside <= high).all()
 
 
+def test_a_box_that_only_touches_a_cell_may_have_states_of_it():
+    """Cells are closed: a point on the border of two is in both, and so is what begins or ends there."""
+    table = sdhj.solve(interval_problem(steps=3), CERTIFIED, progress=False)
+    bits, edges = table.bits(start=0, within=1), table.axes[0].edges()
+    assert 0.1 < bits.mean() < 0.9
+    for number, edge in enumerate(edges[1:-1].tolist(), 1):
+        below, above = bits[number - 1], bits[number]
+        low, high = np.array([[edge], [edge], [edge - 0.01]]), np.array([[edge], [edge + 0.01], [edge]])
+        every, some = table.certified_boxes(low, high, start=0, within=1)
+        assert some.all() == (below or above) and not every[~some].any()
+        assert every[1:].tolist() == [above, below]
+
+
 @pytest.mark.slow
 def test_boxes_are_in_a_set_as_plain_loops_say(rng):
     table = sdhj.solve(unicycle_problem(), sdhj.Certified(cells=(16, 16, 20), parts=4), progress=False)
