@@ -11,6 +11,7 @@ from hashlib import sha256
 import numpy as np
 import pytest
 from forged_robots import line, solved
+from naive_certified import SMALL
 from parameters import but_slow
 
 import sdhj
@@ -28,9 +29,12 @@ def made(name):
     """A table: of a robot of `forged_robots`, or an arm."""
     if "arm" not in name:
         return solved(name)
-    problem = sdhj.arm_case_study(nodes=9, steps=1)
-    problem = problem if name == "arm" else replace(problem, sensing=sdhj.Sensing(0.01, memory=True))
-    return sdhj.solve(problem, sdhj.Certified(cells=(42, 42, 12, 12)), play=False, progress=False)
+    if name == "arm":  # of which sets grow with the steps to go, and the target moves
+        problem, method = sdhj.arm_case_study(**(SMALL | {"v_p_max": 0.9})), sdhj.Certified((32, 32, 8, 8), parts=4)
+    else:
+        problem = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=sdhj.Sensing(0.01, memory=True))
+        method = sdhj.Certified(cells=(42, 42, 12, 12))
+    return sdhj.solve(problem, method, play=False, progress=False)
 
 
 @cache
