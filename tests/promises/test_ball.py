@@ -147,7 +147,8 @@ def test_more_pieces_come_nearer_to_the_ball():
     """What they reach beyond it falls to the first order, and the table grows; one piece is the square."""
 
     def made(pieces, bounds=0.2):
-        return room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(bounds), pieces=pieces))
+        dynamics = sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(bounds), pieces=pieces)
+        return room(dynamics=dynamics, grid=sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [31, 31]))
 
     angles, beyond = np.linspace(0.0, 2 * np.pi, 100), []
     for pieces in (8, 16, 32, 64):
