@@ -1,6 +1,8 @@
 """Whoever is in the target itself has arrived, by every answer of a certified table, in Python and in C."""
 
+import ctypes
 import shutil
+import subprocess
 from functools import cache
 
 import numpy as np
@@ -8,6 +10,8 @@ import pytest
 import zoo
 
 import sdhj
+from sdhj.certified.arriving import WRITTEN, arrived_in_c
+from sdhj.formulas.graph import ordered
 
 POST, RADIUS, PACE = (0.0, 0.0, 0.4), 0.5, 0.2
 
@@ -184,3 +188,43 @@ def test_whoever_is_past_an_end_has_not_arrived():
     states = np.array([[3.99], [4.0], [4.0 + 1e-7], [4.2]])
     assert sdhj.Controller(table).batch(states, 0).steps_to_go.tolist() == [0, 0, -1, -1]
     assert table.contains(states, within=0).tolist() == [True, True, False, False]
+
+
+def either(met):
+    return np.where(met, -1.0, 1.0)
+
+
+TARGETS = (
+    lambda x, t: np.minimum(abs(x + 2), abs(x - t)) * 2 - 1,
+    lambda x, t: np.maximum(-x, x / (t + 0.25)) - 1,
+    lambda x, t: np.sqrt(abs(x)) - np.log(x + 5) + x**3 - x * x,
+    lambda x, t: abs(x) ** (t + 0.5) - np.exp(x) + np.tanh(x) - 0.1,
+    lambda x, t: np.sin(x) - np.cos(3 * x) + np.tan(x / 3),
+    lambda x, t: np.arctan(x) + np.arctan2(x, t) - np.hypot(x, t) + 1,
+    lambda x, t: np.arcsin(x / 5) - np.arccos(x / 6) + t,
+    lambda x, t: np.mod(x, t + 0.5) - 0.3,
+    lambda x, t: x / (abs(x) + 1) - np.sign(x - t) / 2,
+    lambda x, t: either(np.floor(x) == 2 * t),
+    lambda x, t: either(np.floor(x) <= 2 * t),
+    lambda x, t: either(np.floor(x) < 2 * t),
+    lambda x, t: either((x < t) & (x > -2)),
+    lambda x, t: either((x > t) | ~(x > -2)),
+)
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
+def test_c_computes_what_numpy_does(tmp_path):
+    """Each operation that a target may have; no table need be solved for it."""
+    written, text = set(), "#include <math.h>\n#include <stdint.h>\n"
+    for n, level in enumerate(TARGETS):
+        problem = zoo.line(target=sdhj.TargetSet((0,), lambda p, t, level=level: level(p[:, 0], t)))
+        written |= {one.op for one in ordered(problem.target.level_set.outputs)}
+        text += "\n".join(arrived_in_c(problem)).replace("static inline int sdhj_robot_arrived", f"\nint of_{n}")
+    assert written >= set(WRITTEN)
+    (tmp_path / "all.c").write_text(text + "\n")
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", tmp_path / "all.so", tmp_path / "all.c", "-lm"], check=True)
+    library, x = ctypes.CDLL(str(tmp_path / "all.so")), np.random.default_rng(0).uniform(-4, 4, 200)
+    for n, level in enumerate(TARGETS):
+        for step in range(4):
+            said = [getattr(library, f"of_{n}")(step, ctypes.byref(ctypes.c_double(one))) for one in x]
+            assert said == (level(x, step / 2) <= 0).tolist(), (n, step)

@@ -42,6 +42,15 @@ def test_what_is_false_of_what_is_promised_is_refused(name, tmp_path):
     assert any(forgery.said in one for one in refusals(path, every=False))
 
 
+def test_of_many_cells_each_is_looked_at(tmp_path, monkeypatch):
+    """Of so many that they are looked at in turn, eight at a time here: the cell that nothing proves is the 76th."""
+    forgery = FORGERIES["past the upper end by less than a cell"]
+    path = forgery.write(file_of(forgery.robot), tmp_path / "forged.npz")
+    together = [*refusals(path)]
+    monkeypatch.setattr(sdhj.certified.check.argument, "SLAB", 1)
+    assert [*refusals(path)] == together
+
+
 # ---- what is not in a file
 
 

@@ -58,15 +58,18 @@ def test_half_planes_count_what_predictions_are_off(arm_world, rng):
 
 
 def test_a_link_that_stands_upright_is_swept_too(arm_world, rng):
-    """One normal of it is horizontal, and no half plane has an upper end there."""
+    """One normal of it is horizontal, and no half plane has an upper end there. What is left is asked cell by cell."""
     edges = [np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), np.linspace(-0.36, 0.36, 25), np.linspace(-0.36, 0.36, 31)]
     world, shape = arm_world(edges), (24, 30)
     bench, bits = rows.bench_of(0, 0, world), naive.packed(np.ones(shape, np.bool_))
     bench.part[:4] = math.pi / 2, math.pi / 2, 0.0, 0.0
     rows.sweep(0, 0.0, world, bench, bits)
     kept = naive.unpacked(bits, shape)
-    assert 0 < kept.sum() < kept.size
-    for x, y in rng.permutation(np.argwhere(kept))[:60]:
+    others = naive.packed(~kept)
+    rows.drop_unproved(world.inputs[0], 0.0, world, bench, others)
+    alone = naive.unpacked(others, shape)  # proved one by one: a few of those that no half plane shows clear
+    assert 0 < alone.sum() < (~kept).sum() / 2
+    for x, y in [*rng.permutation(np.argwhere(kept))[:40], *np.argwhere(alone)]:
         rows.agent_cell(x * 30 + y, 0.0, world, bench.part)
         assert naive.smallest_gap(world, bench.part[:8], 0, 3, 0.0, 0.0, rng, count=60) > 0.0
 
@@ -189,3 +192,14 @@ def test_flags_that_samples_refute_are_found(rng):
         wrong += failed
         allowed += int(twin.allowed[:, :, i1, i2].sum())
     assert 0.2 * allowed < wrong < 0.8 * allowed and allowed > 20
+
+
+def test_of_what_nothing_proves_all_is_left(rng):
+    """No input is allowed, and the tip is far from its target: left is what each set has and the one before has not."""
+    twin = Twin(False, rng)
+    far, stored = twin.world._replace(q1=twin.world.q1 + 2.5), twin.stored._replace(allowed=0 * twin.allowed)
+    for row in ((0, 0), (1, 2)):
+        left = naive.unpacked(rows.unproved(*row, far, stored), twin.shape[2:])
+        for place, (_, within) in enumerate(naive.pairs(twin.steps)):
+            before = twin.cells[place - 1][row] if within else False
+            np.testing.assert_array_equal(left[place], twin.cells[place][row] & ~before)
