@@ -10,6 +10,7 @@ import pytest
 from sdhj.certified.check import formulas
 from sdhj.certified.check.formulas import MOST_LINES, read
 from sdhj.certified.check.intervals import RULES
+from sdhj.certified.check.stated import in_infix
 
 DISK = ["x 0", "const 0x1.8000000000000p+0", "sub 0 1", "x 1", "hypot 2 3", "const 0x1p-1", "sub 4 5", "return 6"]
 LOOKUP = "gridded 0 0 1 lower 0x0p+0 -0x1p+0 spacing 0x1p-1 0x1p-2"
@@ -75,6 +76,32 @@ def test_what_reads_no_coordinate_has_bounds_at_each_time():
         found = own.bounds(low, high, times)
         np.testing.assert_array_equal(found, own.bounds(low, high, tuple(np.full(2, time) for time in times)))
         assert (found[1][:, 0] > times[1] ** 2).all() and (found[1][:, 0] < times[1] ** 2 + 1e-9).all()
+
+
+PRINTED = {
+    "a - (b - t)": ["sub 1 2", "sub 0 3"],
+    "a - b - t": ["sub 0 1", "sub 3 2"],
+    "a / (b * t)": ["mul 1 2", "div 0 3"],
+    "(a + b) * t": ["add 0 1", "mul 3 2"],
+    "a - (-2.0)": ["const -0x1p+1", "sub 0 3"],
+    "-(a + b)": ["add 0 1", "neg 3"],
+    "-a^2": ["mul 0 0", "neg 3"],
+    "(-a)^3": ["neg 0", "power 3 3"],
+    "b^-1": ["power 1 -1"],
+    "hypot(a + b, t)": ["add 0 1", "hypot 3 2"],
+    "where((a < b or b <= t) and not(a == t), a, b)": [
+        *("less 0 1", "lesseq 1 2", "or 3 4", "equal 0 2", "not 6", "and 5 7", "where 8 0 1"),
+    ],
+    "table[3 x 3, from [0.0, -1.0], by [0.5, 0.25]](a, b)": [LOOKUP],
+    "e1 = a + b; e1 / (e1 * t)": ["add 0 1", "mul 3 2", "div 3 4"],
+}
+
+
+@pytest.mark.parametrize("text", PRINTED)
+def test_what_is_printed_is_what_was_read(text):
+    lines = ["x 0", "x 1", "p 0", *PRINTED[text]]
+    named, results = in_infix(formula([*lines, f"return {len(lines) - 1}"]), "ab", "t")
+    assert "; ".join([*named, *results]) == text
 
 
 def test_what_it_reads_and_parts():

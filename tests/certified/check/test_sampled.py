@@ -13,7 +13,7 @@ from parameters import but_slow
 import sdhj
 from sdhj.certified.check import sampled
 from sdhj.certified.check.argument import Argument
-from sdhj.certified.check.arm import drawn
+from sdhj.certified.check.arm import claims, drawn
 from sdhj.certified.check.arm.claims import Arm, cells_added
 from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER
 from sdhj.certified.check.reading import head_and_arrays
@@ -234,3 +234,15 @@ def test_rows_of_an_arm_have_claims_enough_rims_and_all_else(arm, seed, monkeypa
         assert (found[1:] > 0).all() and ((new[:, rows] > 0).any(axis=1) == (new > 0).any(axis=1)).all()
         assert arm.allowed.any(axis=0).reshape(5, -1)[:, rows].any(axis=1).all()
         assert {0, 8} <= {*(rows // 8).tolist()} and {0, 7} <= {*(rows % 8).tolist()}
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_of_an_arm_with_few_claims_all_rows_are_looked_at(arm, many, monkeypatch):
+    monkeypatch.setattr(claims, "Arm", lambda *_: arm)
+    monkeypatch.setattr(sampled, "MOST_WHOLE", int(arm.made.sum()) - many)
+    monkeypatch.setattr(sampled, "SAMPLED", 200)
+    asked = []
+    arm.claims = lambda rows, _: asked.extend(rows.tolist()) or []
+    sampled.looked_over({"cells": {"kind": "arm"}}, {}, None)
+    every = np.flatnonzero(arm.made).tolist()
+    assert len(asked) < len(every) if many else asked == every
