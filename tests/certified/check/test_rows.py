@@ -7,6 +7,7 @@ import naive_certified as naive
 import numpy as np
 import pytest
 from naive_certified import CIRCLE, LINE, SMALL, STILL
+from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check.arm import bits, rows
@@ -139,8 +140,7 @@ class Twin:
         return all(self.cells[(place, *end)] for end in itertools.product(*ends))
 
 
-@pytest.mark.parametrize("evader", [False, True])
-@pytest.mark.slow
+@pytest.mark.parametrize("evader", but_slow([False, True], False))
 def test_nothing_that_samples_refute_is_proved(evader, rng):
     """A row's claims about random sets: where samples refute a cell it is not proved, and few others are left."""
     twin = Twin(evader, rng)
@@ -192,14 +192,3 @@ def test_flags_that_samples_refute_are_found(rng):
         wrong += failed
         allowed += int(twin.allowed[:, :, i1, i2].sum())
     assert 0.2 * allowed < wrong < 0.8 * allowed and allowed > 20
-
-
-def test_of_what_nothing_proves_all_is_left(rng):
-    """No input is allowed, and the tip is far from its target: left is what each set has and the one before has not."""
-    twin = Twin(False, rng)
-    far, stored = twin.world._replace(q1=twin.world.q1 + 2.5), twin.stored._replace(allowed=0 * twin.allowed)
-    for row in ((0, 0), (1, 2)):
-        left = naive.unpacked(rows.unproved(*row, far, stored), twin.shape[2:])
-        for place, (_, within) in enumerate(naive.pairs(twin.steps)):
-            before = twin.cells[place - 1][row] if within else False
-            np.testing.assert_array_equal(left[place], twin.cells[place][row] & ~before)
