@@ -20,7 +20,7 @@ from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 from sdhj.certified.check.reading import head_and_arrays
-from sdhj.certified.check.words import UNPROVED, Words, claims
+from sdhj.certified.check.words import UNPROVED, Words, _body, claims
 from sdhj.certified.export import FIELDS, images_of, packed_table
 
 
@@ -262,6 +262,12 @@ def test_an_input_of_a_cell_in_no_set_is_refused(tmp_path, field):
         sets.clear = [one._replace(bits=np.full_like(one.bits, 255)) for one in sets.clear]
         (claim,) = (one for one in claims(words, sets, False) if one.name == f"exported: {field}")
     assert claim.failed == cells * (1 if field == "select" else len(words.inputs)) > 0
+
+
+def test_numbers_of_two_bytes_are_read():
+    """Where there are more than 256 words: a palette of three for five cells, by hand."""
+    body = struct.pack("<BH3H", 2, 3, 300, 7, 65535) + bytes([0b00_10_01_00, 0b10, 0, 0])
+    assert _body(b"before" + body, 6, 5, 2).tolist() == [300, 7, 65535, 300, 65535]
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import naive_certified as naive
 import numpy as np
@@ -11,7 +12,7 @@ from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check.arm import bits, rows
-from sdhj.certified.check.arm.claims import Scene
+from sdhj.certified.check.arm.claims import Arm, Scene
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 
@@ -192,3 +193,14 @@ def test_flags_that_samples_refute_are_found(rng):
         wrong += failed
         allowed += int(twin.allowed[:, :, i1, i2].sum())
     assert 0.2 * allowed < wrong < 0.8 * allowed and allowed > 20
+
+
+def test_each_axis_of_the_agent_is_eroded_by_its_own_cells(rng):
+    """Of three cells along one and four along the other."""
+    along = {2: np.array([[0, 1], [1, 2], [2, 2]]), 3: np.array([[0, 0], [0, 1], [2, 3], [3, 3]])}
+    joints, block = np.zeros((1, 1, 1), int), rng.random((3, 4)) < 0.8
+    arm = SimpleNamespace(counts=np.array([1, 1, 3, 4]), scene=SimpleNamespace(inputs=lambda: [(0, 0)]))
+    arm.ends = lambda axis, _: along[axis][None] if axis in along else joints
+    arm.index, arm.pool, arm.pairs, arm.allowed = joints[0], naive.packed(block[None]), None, None
+    eroded = naive.unpacked(Arm.stored(arm, np.array([0])).eroded, (3, 4))[0]
+    assert eroded.tolist() == [[block[np.ix_(x, y)].all() for y in along[3]] for x in along[2]] and eroded.any()
