@@ -264,6 +264,16 @@ def test_an_input_of_a_cell_in_no_set_is_refused(tmp_path, field):
     assert claim.failed == cells * (1 if field == "select" else len(words.inputs)) > 0
 
 
+def test_inputs_of_cells_that_are_not_promised_are_counted(tmp_path):
+    made("plane").save(tmp_path / "table.npz")
+    (tmp_path / "sdhj_table.bin").write_bytes(exported("plane"))
+    words = Words(tmp_path / "sdhj_table.bin")
+    with head_and_arrays(tmp_path / "table.npz") as (head, arrays):
+        each = [{one.name: one for one in claims(words, Argument(head, arrays), every)} for every in (True, False)]
+    whole, some = (one["exported: clear"] for one in each)
+    assert 0 < some.made < whole.made == some.made + some.beside and not whole.beside
+
+
 def test_numbers_of_two_bytes_are_read():
     """Where there are more than 256 words: a palette of three for five cells, by hand."""
     body = struct.pack("<BH3H", 2, 3, 300, 7, 65535) + bytes([0b00_10_01_00, 0b10, 0, 0])
