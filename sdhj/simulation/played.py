@@ -144,7 +144,7 @@ def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatA
     problem, grid = table.problem, table.grid
     if len(outside) >= FEW_OUTSIDE and not target_reachable_in_a_step(problem, outside):
         return HOPELESS
-    if not table.proved and share >= ALARMING and (remedy := gaps_advice(problem, bool(table.details.get("shifted")))):
+    if not table.proved and share >= ALARMING and (remedy := _advice_on_gaps(table)):
         return f"{remedy}; or {PROOF}"
     interval, corner = problem.interval(0), np.array(grid.lower)[None]
     still = np.ptp(interval.displacements(corner)[0], axis=0) == 0  # axes along which no input moves the robot
@@ -154,6 +154,13 @@ def _advice(table: Table, ways: Mapping[str, int], share: float, outside: FloatA
             wins = "only the adversary moves the robot along it, and it wins by pushing the state past an unsafe end"
             return f'What helps: ends="wall" or "safe" for {name}, or a longer axis: {wins}; or {PROOF}'
     return f"What helps: {PROOF}"
+
+
+def _advice_on_gaps(table: Table) -> str:
+    """`gaps_advice` of a table, kept, as it is asked before runs are played and of those that are lost."""
+    # the second time would be a fifth of all that is done at the end of a solve
+    shifted = bool(table.details.get("shifted"))
+    return table.problem.remembered(("gaps", shifted), lambda: gaps_advice(table.problem, shifted))
 
 
 def check_by_runs(table: Table) -> dict[str, Any]:
@@ -169,7 +176,7 @@ def check_by_runs(table: Table) -> dict[str, Any]:
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if table.problem.has_no_target:
         return {"played": _check_staying_clear(table, runs)}
-    runs = MOST_PLAYED if (remedy := gaps_advice(table.problem, bool(table.details.get("shifted")))) else runs
+    runs = MOST_PLAYED if (remedy := _advice_on_gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
