@@ -277,12 +277,12 @@ class CertifiedTable(Table):
 
     def _inputs_of_near_cells(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: (M, L)."""
-        rows, cells = self.cells_near(states)
+        rows, cells = self.near_cells(states)
         out = np.zeros((len(states), len(self.problem.inputs)), np.bool_)
         np.logical_or.at(out, rows, asked(cells))
         return out
 
-    def cells_near(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def near_cells(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The cells within whose shell states (M, ndim) lie: of which state, (n,) in order, and indices (n, ndim)."""
         ndim = len(self.axes)
         # Room for all cells that a state may be near: two along each axis.
@@ -340,7 +340,7 @@ class CertifiedTable(Table):
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The cells that points (M, ndim) at a step are led to under inputs (M,): (rows, first, last)."""
-        (rows, cells), left = self.cells_near(points), self.steps - step
+        (rows, cells), left = self.near_cells(points), self.steps - step
         fewest, each = self.fewest(cells, step), np.arange(len(rows))
         certified = fewest <= left
         steps_tried = (

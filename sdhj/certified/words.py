@@ -6,6 +6,7 @@ All that an adversary can do is in a word already. So the controller of a certif
 
 import threading
 from functools import cached_property
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -181,36 +182,36 @@ class WordTable:
 
     def __init__(self, width: int, shape: tuple[int, ...]) -> None:
         self.lock, self.strides = threading.Lock(), np.cumprod([1, *shape[:0:-1]])[::-1]
-        # by the flat number of a cell the row of its word
-        self.rows, self.words = dict[int, int](), np.empty((0, width), np.uint32)
+        # by the flat number of a cell the place of its word
+        self.places, self.words = dict[int, int](), np.empty((0, width), np.uint32)
 
     def look_up(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
         """Write the answers for states (M, ndim) into `out`: (to_go (M,), safe (M, L), chosen (M,))."""
-        whose, near = table.cells_near(states)
-        unite(whose, self.of(table, near @ self.strides, key), key[1], most, *out)
+        whose, near = table.near_cells(states)
+        unite(whose, self.of(table, near.dot(self.strides), key), key[1], most, *out)
 
     def of(self, table: Any, cells: FloatArray, key: Any) -> FloatArray:
         """The words of cells with flat numbers (n,), made and kept if they are missing: (n, width)."""
         with self.lock:  # not while words are made
-            rows, words = [self.rows.get(cell, -1) for cell in cells.tolist()], self.words
-        if -1 not in rows:
-            return words[rows]
-        known = np.array(rows) >= 0
+            places, words = [*map(self.places.get, cells.tolist(), repeat(-1))], self.words
+        if -1 not in places:
+            return words.take(places, 0)
+        known = np.array(places) >= 0
         missing, place = np.unique(cells[~known], return_inverse=True)
         made = words_of(table, np.stack(np.unravel_index(missing, table.shape), axis=1), *key)
         found = np.empty((len(cells), made.shape[1]), np.uint32)
-        found[known], found[~known] = words[np.array(rows)[known]], made[place]
+        found[known], found[~known] = words[np.array(places)[known]], made[place]
         with self.lock:
             self.keep(missing.tolist(), made)
         return found
 
     def keep(self, cells: list[int], made: FloatArray) -> None:
         """Keep the words `made` of cells with flat numbers (n,); the lock is held."""
-        if len(self.rows) + len(cells) > MOST_WORDS:
-            self.rows, self.words = {}, made[:0]
+        if len(self.places) + len(cells) > MOST_WORDS:
+            self.places, self.words = {}, made[:0]
         # another thread may have kept some of them meanwhile
-        used, new = len(self.rows), [i for i, cell in enumerate(cells) if cell not in self.rows]
+        used, new = len(self.places), [i for i, cell in enumerate(cells) if cell not in self.places]
         if used + len(new) > len(self.words):
             self.words = np.concatenate([self.words[:used], np.empty((used + len(new), made.shape[1]), np.uint32)])
         self.words[used : used + len(new)] = made[new]
-        self.rows.update((cells[i], used + n) for n, i in enumerate(new))
+        self.places.update((cells[i], used + n) for n, i in enumerate(new))

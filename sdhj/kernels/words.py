@@ -15,18 +15,18 @@ SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, wh
 
 
 @kernel(nogil=True)
-def unite(rows, words, within, most, to_go, safe, chosen):
+def unite(whose, words, within, most, to_go, safe, chosen):
     """Write what the words (n, ...) of the cells near some states say to to_go (M,), safe (M, L) and chosen (M,).
 
     Of several cells near a state those with the fewest steps to go, at least `within`, count: their inputs are united,
     and the first one's choice is the state's. Words with more than `most` steps say nothing. -1 for none.
 
-    rows (n,) : whose words these are, in order.
+    whose (n,) : of which state each word is, in order. within <= most.
     """
     to_go[:], safe[:], chosen[:] = -1, False, -1
     fewest = 0  # of the state of the word before
-    for i in range(rows.size):
-        m, word = rows[i], words[i]
+    for i in range(whose.size):
+        m, word = whose[i], words[i]
         steps = np.int64(word[0])
         if steps > most:
             continue
