@@ -5,7 +5,6 @@
 
 import os
 import re
-import runpy
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -149,13 +148,6 @@ def test_the_command_checks_a_robot_of_ones_own(tmp_path, monkeypatch):
         assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output, done.output
     done = asked(path)
     assert done.exit_code == 2 and "--problem module:function" in done.output
-
-
-def test_the_checker_alone_says_what_it_cannot_read(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["check", str(tmp_path / "nothing.npz")])
-    with pytest.raises(SystemExit, match="2"):
-        runpy.run_module("sdhj.certified.check", run_name="__main__")
-    assert "Error: " in (said := capsys.readouterr().err) and "nothing.npz" in said
 
 
 def test_a_velocity_that_is_undefined_somewhere_is_named_with_its_place():

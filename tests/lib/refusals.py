@@ -905,6 +905,8 @@ REFUSED += [  # numbers and sets of a problem; `test_checks` has more of what is
     (lambda: TargetSet((0,), lambda p: p[:, 0]), "level set of 'target'"),
     (lambda: UnsafeSet((0,), wall, wall), r"of \(points, t0, t1\)"),
     (lambda: BlackBox(wall, rate="fast"), "rate of a BlackBox.*real numbers"),
+    *((lambda some=some: verify("none.npz", samples=some), "samples must be") for some in (0, -1, 2.5, True)),
+    *((lambda seed=seed: verify("none.npz", seed=seed), "seed must be") for seed in (-1, 0.5, None)),
 ]
 
 
