@@ -1,4 +1,4 @@
-"""What is asked of a file by whoever verifies it, what of it is counted, and what is printed: all against texts by hand."""
+"""What whoever verifies a file may ask, what is counted of it, and what is printed: all against texts by hand."""
 
 import io
 import re
