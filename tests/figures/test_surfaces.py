@@ -45,7 +45,7 @@ def test_isosurface_of_a_ball():
 
 def test_a_block_closes_what_leaves_it():
     grid = sdhj.Grid([0, 0, 0], [1, 1, 1], [6, 7, 8])
-    values = (grid.points()[:, 2] - 0.5).reshape(grid.shape)
+    values = np.float32(grid.points()[:, 2] - 0.5).reshape(grid.shape)
     triangles = surfaces.isosurface(*surfaces.block(grid, values, (0, 1, 2), (0, 0, 0)))
     assert volume(triangles) == pytest.approx(0.5, abs=5 * surfaces.CAP)
     counts = edges_of(triangles)

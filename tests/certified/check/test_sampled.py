@@ -125,6 +125,7 @@ def test_a_solve_returns_no_table_of_which_a_claim_is_false(monkeypatch):
         made = prepare(proof, progress)
         proof.clear.setflags(write=True)
         proof.clear[:] = 255
+        proof.clear.setflags(write=False)  # else kernels are compiled for it
         return made
 
     monkeypatch.setattr(GeneralProof, "prepare", rashly)
