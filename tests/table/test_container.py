@@ -8,6 +8,7 @@ import json
 import os
 import zipfile
 import zlib
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -70,8 +71,19 @@ def same(path, arrays=ARRAYS, **head):
             assert got.flags.aligned and not got.flags.writeable
 
 
-def test_a_file_is_read_as_it_was_written(tmp_path, packed):
-    same(written(tmp_path, packed))
+@pytest.mark.parametrize("by", [64, 1 << 24])
+def test_a_file_is_read_as_it_was_written(tmp_path, packed, by, monkeypatch):
+    """Where its bytes are compared in many pieces, too; by the checker also by a link to it."""
+    monkeypatch.setattr(checker, "BY", by)
+    same(path := written(tmp_path, packed))
+    (tmp_path / "link").symlink_to(path)
+    assert checker.Arrays(tmp_path / "link").nbytes == sum(256 + one.nbytes for one in ARRAYS.values())
+
+
+def test_no_head_is_read_that_is_longer_than_any(tmp_path, monkeypatch):
+    monkeypatch.setattr(checker, "MOST_TEXT", 1000)
+    with pytest.raises(checker.Damaged, match="head"):
+        checker.Arrays(written(tmp_path))
 
 
 def test_numpy_and_zipfile_read_it(tmp_path, packed):
@@ -312,6 +324,49 @@ def test_a_small_file_that_is_a_large_one_unpacked_is_refused(tmp_path, claimed,
     refused(path)
 
 
+@pytest.mark.parametrize("more", [-1, 0])
+def test_all_that_is_packed_has_so_much_room_together(tmp_path, more, monkeypatch):
+    """Or as much as what is packed takes, so many times."""
+    path, size = written(tmp_path, True), sum(256 + one.nbytes for one in ARRAYS.values())
+    for most, times in ((size + more, 0), (0, size + more)):
+        monkeypatch.setattr(checker, "MOST_UNPACKED", most)
+        monkeypatch.setattr(checker, "MOST_TIMES", times)
+        with pytest.raises(ValueError, match="packed so closely") if most and more else nullcontext():
+            checker.Arrays(path)
+
+
+NOT_STATED = {
+    "tubes": [
+        {"dtype": "complex128"},
+        {"dtype": 7},
+        {"shape": [1] * 9},
+        {"shape": [True]},
+        {"shape": [-1]},
+        {"shape": [2.0]},
+        {"shape": [1 << 51]},
+        {"shape": [1 << 25, 1 << 26]},
+        {"sha256": "0" * 63},
+        {"sha256": "0" * 65},
+        {"sha256": "F" * 64},
+        {"sha256": 7},
+        {"packed": [-1, "0" * 64]},
+        {"packed": [True, "0" * 64]},
+        {"packed": ["9", "0" * 64]},
+        {"packed": [9, "0" * 63]},
+        {"packed": [9, 7]},
+    ],
+    **{name: [{}] for name in ("", "Tubes", "a.b", "a.b/c", "a/b/c", "../tubes", "/tubes", "a/b.c", "a/", "a" * 41)},
+}
+
+
+@pytest.mark.parametrize(("name", "lie"), [(name, lie) for name, each in NOT_STATED.items() for lie in each])
+def test_what_is_no_entry_of_an_array_is_refused(name, lie):
+    entry = {"dtype": "uint8", "shape": [2, 3], "sha256": "0" * 64}
+    assert checker.Stated("opaque/unsafe 0", entry).size == 256 + 2 * 3
+    with pytest.raises(ValueError, match="arrays of numbers"):
+        checker.Stated(name, entry | lie)
+
+
 def test_what_packs_too_closely_is_written_plain(tmp_path, monkeypatch):
     monkeypatch.setattr(container, "MOST_UNPACKED", 1000)
     monkeypatch.setattr(container, "MOST_RATIO", 100)
@@ -340,7 +395,10 @@ def folder(tmp_path):
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        *(("tubes.npy", kind) for kind in ("link", "pipe", "folder", "missing", "cut", "longer", "device")),
+        *(
+            ("tubes.npy", kind)
+            for kind in ("link", "pipe", "folder", "missing", "cut", "longer", "longer, and said so", "device")
+        ),
         *(("problem.json", kind) for kind in ("link", "pipe", "empty")),
     ],
 )
@@ -357,8 +415,14 @@ def test_what_is_no_file_of_a_folder_is_refused(folder, name, kind):
     elif kind == "folder":
         path.mkdir()
     elif kind != "missing":
-        path.write_bytes({"empty": b"", "cut": data[:-1], "longer": data + b"\0"}[kind])
-    refused(folder)
+        path.write_bytes({"empty": b"", "cut": data[:-1]}.get(kind, data + b"\0"))
+    if kind == "longer, and said so":
+        told = json.loads((folder / "problem.json").read_bytes())
+        told["arrays"]["tubes"]["sha256"] = container.sha256(path.read_bytes())
+        text = json.dumps({name: told[name] for name in told if name not in ("format", "sha256")})[1:].encode()
+        first = container.FIRST_LINE.format(container.FORMAT, container.sha256(text)).encode()
+        (folder / "problem.json").write_bytes(first + text)
+    refused(folder, damaged=kind == "longer, and said so")
 
 
 def test_what_lies_beside_in_a_folder_is_not_read(folder):

@@ -7,20 +7,23 @@ import zlib
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from forged_robots import line, solved
+from forged_robots import first_clear, line, solved
 from naive_certified import SMALL
 from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check import verify
+from sdhj.certified.check import words as words_module
 from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.arm.exported import claims as claims_of_an_arm
 from sdhj.certified.check.reading import head_and_arrays
-from sdhj.certified.check.words import UNPROVED, Words, _body, claims
+from sdhj.certified.check.words import ARRIVED, NO_INPUT, UNPROVED, Words, _body, claims
 from sdhj.certified.export import FIELDS, images_of, packed_table
 
 
@@ -89,7 +92,11 @@ def refusals(name, data, folder):
 
 
 @pytest.mark.parametrize(
-    "name", but_slow(["plane", "forbidden", "noisy", "standing", "tide", "drifting", "one way out", *ARMS], *ARMS)
+    "name",
+    but_slow(
+        ["plane", "forbidden", "noisy", "standing", "tide", "drifting", "one way out", "standing unsafely", *ARMS],
+        *ARMS,
+    ),
 )
 def test_what_is_exported_is_proved(name, tmp_path):
     assert refusals(name, exported(name), tmp_path) == []
@@ -192,6 +199,35 @@ def first_body(place):
     return forge
 
 
+def other(name, by=None, value=None):
+    """A number of the beginning is another."""
+
+    def forge(data):
+        own = number(data, name) + by if value is None else value
+        at = 16 + 4 * NUMBERS.index(name)
+        data[at : at + 4] = own.to_bytes(4, "little")
+
+    return forge
+
+
+def past(count, part):
+    """The first number of a block's body, or of a word in a palette, is the first that there is none of."""
+
+    def forge(data):
+        *_, index, places = begins(data)
+        bodies = places + -(-number(data, "bodies") * number(data, "at_width") // 8) * 8
+        at, width = (index, "index_width") if part == "index" else (bodies + 3, "width")
+        data[at : at + number(data, width)] = number(data, count).to_bytes(number(data, width), "little")
+
+    return forge
+
+
+def longer(data):
+    """Eight bytes more, as it says."""
+    data.extend(bytes(8))
+    other("size", by=8)(data)
+
+
 MORE = {  # what one word claims beyond what it did
     "steps": lambda own: b"\1\0\0\0" if own == b"\xff" * 4 else own,
     "select": lambda own: b"\0\0" if own < b"\xfe\xff" or own == b"\xff\xff" else own,
@@ -200,6 +236,7 @@ MORE = {  # what one word claims beyond what it did
     "clear": lambda own: bytes([own[0] | 4]) + own[1:],
 }
 FIT, VERSION, CELLS, PAST = "table must fit", "version 2 has images", "cells and inputs", "bodies must be whole"
+BYTES, INPUTS = "must have its bytes", "must be numbers of inputs"
 FORGED = {  # of which table, what is changed, which claim is not proved or why it is not read
     f"{field} of {name}": (name, in_words(field, MORE[field]), field) for name in ("plane", "arm") for field in FIELDS
 }
@@ -225,6 +262,20 @@ FORGED |= {
     "images of fewer axes": ("noisy", put(209, 1), FIT),
     "images of other axes": ("noisy", put(209, 3), FIT),
     "images of no axis": ("noisy", put(209, 4), VERSION),
+    "an axis on which images depend, and no images": ("plane", put(209, 1), VERSION),
+    "more layers than one": ("standing", put(212, 14), CELLS),
+    "no axes": ("plane", other("ndim", value=0), BYTES),
+    "seven axes": ("plane", other("ndim", value=7), BYTES),
+    "no input": ("plane", other("inputs", value=0), BYTES),
+    "another size": ("plane", other("size", by=8), BYTES),
+    "bytes of nothing": ("plane", longer, FIT),
+    "no cells": ("plane", put(160, 0), "must be cells"),
+    "blocks of no cells": ("plane", put(188, 0), "must be cells"),
+    "a block of no body": ("plane", past("bodies", "index"), "must have a body"),
+    "a cell of no word": ("plane", past("words", "bodies"), "must have a word"),
+    "words of a field less": ("plane", other("fields", value=15), "must have their fields"),
+    "an input to brake that is none": ("plane", other("brake", value=4), INPUTS),
+    "an input that is none": ("plane", in_words("select", lambda own: b"\4\0" if own < b"\xfe\xff" else own), INPUTS),
     "inputs": ("plane", lambda data: turned(begins(data)[1] + 6)(data), CELLS),
     "a body that is cut off": ("plane", first_body(lambda size, most: size - 2), PAST),
     "a body past the end": ("plane", first_body(lambda size, most: size), PAST),
@@ -274,17 +325,159 @@ def test_inputs_of_cells_that_are_not_promised_are_counted(tmp_path):
     assert 0 < some.made < whole.made == some.made + some.beside and not whole.beside
 
 
-def test_numbers_of_two_bytes_are_read():
-    """Where there are more than 256 words: a palette of three for five cells, by hand."""
-    body = struct.pack("<BH3H", 2, 3, 300, 7, 65535) + bytes([0b00_10_01_00, 0b10, 0, 0])
-    assert _body(b"before" + body, 6, 5, 2).tolist() == [300, 7, 65535, 300, 65535]
+def cell_by_cell(name, words):
+    """How many claims words make of cells that are promised, and of others, and what is false: by fields, in loops."""
+    table, found = made(name), {field: [0, 0, []] for field in FIELDS}
+    with TemporaryDirectory() as folder:
+        table.save(path := Path(folder) / "table.npz")
+        with head_and_arrays(path) as (head, arrays):
+            low, high, clear = (arrays.array(one).copy() for one in ("low", "high", "clear"))
+            arrives = arrays.array("arrives").copy() if head["proof"].get("arrives") else None
+    own, counts = np.flatnonzero(head["proof"]["own"]), np.array(head["cells"]["shape"])
+    clear, none = first_clear(head, clear), all(one["kind"] != "target" for one in head["sets"])
+    (one,) = head["proof"]["clear"]
+
+    def number_of(cell, axes):
+        return int(np.ravel_multi_index([cell[k] for k in axes], [counts[k] for k in axes])) if len(axes) else 0
+
+    def marked(bits, step, at, j):
+        return bool(bits[min(step, len(bits) - 1), at, j // 8] >> j % 8 & 1)
+
+    def is_clear(step, cell, j):
+        return marked(clear, step, number_of(cell, one["axes"]), j)
+
+    def leads(step, cell, j, within):
+        moves = [each[min(step, len(each) - 1), j, number_of(cell, own)] for each in (low, high)]
+        first, last = (np.clip(cell + each, 0, counts - 1) for each in moves)
+        image = table.bits(start=step + 1, within=within)[tuple(map(slice, first, last + 1))]
+        arrived = arrives is not None and marked(arrives, step, number_of(cell, range(len(counts))), j)
+        return is_clear(step, cell, j) and (image.all() or arrived)
+
+    for step in range(words.starts):
+        left = words.steps - step
+        within = [left] if none else range(left + 1)
+        tubes = [(n, table.bits(start=step, within=n)) for n in within]
+        promised = table.bits(start=step, within=1 if none else left) if left else np.zeros(counts, bool)
+        ids = np.concatenate([ids for _, ids in words.ids(step)])
+        for at, cell in enumerate(np.ndindex(*counts)):
+            said, where = {field: words.fields[field][ids[at]] for field in FIELDS}, f"cell {at}"
+            fewest, steps = next((n for n, tube in tubes if tube[cell]), left + 1), said["steps"]
+            if steps != UNPROVED:
+                found["steps"][0] += 1
+                if fewest > steps or steps > left or (none and steps != left):
+                    found["steps"][2].append(f"start {step}, {where}")
+            if said["select"] == ARRIVED:
+                found["select"][0] += 1
+                if none or fewest:
+                    found["select"][2].append(f"start {step}, {where}")
+            nearest = 0 if steps > left else left if none else min(max(steps, 1), left)
+            inputs = {"safe": said["safe"], "select": np.arange(len(words.inputs)) == said["select"]}
+            for field, some in (inputs | {"filter": said["filter"]}).items():
+                ahead = nearest if field != "filter" else left if fewest <= left else 0
+                for j in np.flatnonzero(some).tolist():
+                    found[field][0] += 1
+                    if not (ahead and left and leads(step, cell, j, ahead - 1)):
+                        found[field][2].append(f"start {step}, input {j}, {where}")
+            found["clear"][not promised[cell]] += int(said["clear"].sum())
+            if any(not left or not is_clear(step, cell, j) for j in np.flatnonzero(said["clear"]).tolist()):
+                found["clear"][2].append(f"start {step}, {where}")
+    return found
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tide", "drifting", "cart", "line"])
+def test_what_words_claim_is_counted_and_refused_as_cell_by_cell(name, tmp_path, rng):
+    """Where each cell of each step has a word of its own, which is another than it was by chance."""
+    (tmp_path / "sdhj_table.bin").write_bytes(exported(name))
+    words = Words(tmp_path)
+    ids, many, inputs = words.bodies[words.index].ravel(), words.bodies[words.index].size, len(words.inputs)
+    words.bodies = np.arange(many, dtype=np.uint32).reshape(-1, words.bodies.shape[1])
+    words.index = np.arange(len(words.bodies)).reshape(words.index.shape)
+    others = {
+        "steps": rng.choice([*range(words.steps + 2), UNPROVED], many),
+        "select": rng.choice([*range(inputs), ARRIVED, NO_INPUT], many),
+        **{field: rng.random((many, inputs)) < 0.5 for field in ("safe", "filter", "clear")},
+    }
+    for field, values in others.items():
+        some = rng.random((many, *[1] * (values.ndim - 1))) < 0.3
+        words.fields[field] = np.where(some, values, words.fields[field][ids])
+    made(name).save(tmp_path / "table.npz")
+    with head_and_arrays(tmp_path / "table.npz") as (head, arrays):
+        sets = Argument(head, arrays)
+    expected = cell_by_cell(name, words)
+    for every in (False, True):
+        (cells, *found) = claims(words, sets, every)
+        assert not cells.failed and [one.name for one in found] == [f"exported: {field}" for field in FIELDS]
+        for one, (count, beside, wrong) in zip(found, expected.values(), strict=True):
+            count, beside = (count + beside, 0) if every else (count, beside)
+            assert (one.made, one.checked, one.beside, one.failed) == (count, count, beside, len(wrong)), one.name
+            assert 0 < len(wrong) and {*one.failures} <= {*wrong} and len({*one.failures}) == min(len(wrong), 5)
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 4])
+def test_numbers_of_words_have_as_many_bytes_as_they_need(width):
+    """A palette of three for five cells, by hand."""
+    numbers = [256**width - 1, 7, 256 ** (width - 1) + 1]
+    palette = b"".join(one.to_bytes(width, "little") for one in numbers)
+    body = struct.pack("<BH", 2, 3) + palette + bytes([0b00_10_01_00, 0b10, 0, 0])
+    expected = [numbers[at] for at in (0, 1, 2, 0, 2)]
+    assert _body(b"before" + body, 6, 5, width).tolist() == expected
+
+
+BODIES = {  # bits of an entry, colours, the palette and entries of five cells
+    "no colours": (2, 0, bytes(4)),
+    "more colours than entries tell apart": (1, 3, bytes(6)),
+    "entries of 17 bits": (17, 1, bytes(14)),
+    "an entry that is in no palette": (2, 3, bytes([1, 2, 3, 0b11, 0, 0, 0])),
+    "a byte less": (2, 3, bytes([1, 2, 3, 0, 0, 0])),
+    "no number of colours": (2, None, b""),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_what_is_no_body_is_refused(name):
+    bits, colours, rest = BODIES[name]
+    body = bytes([bits]) + (b"\0" if colours is None else struct.pack("<H", colours)) + rest
+    assert _body(bytes([2, 3, 0, 1, 2, 3, 0, 0, 0, 0]), 0, 5, 1).tolist() == [1] * 5
+    with pytest.raises(ValueError, match="palette" if "no palette" in name else PAST):
+        _body(body, 0, 5, 1)
+
+
+@pytest.mark.parametrize("many", [1, 100, 1 << 20])
+@pytest.mark.parametrize("name", ["plane", "standing", "tide"])
+def test_words_of_cells_are_found_cell_by_cell(name, many, tmp_path, monkeypatch):
+    """Also where few rows of blocks are looked at at once."""
+    (tmp_path / "sdhj_table.bin").write_bytes(exported(name))
+    words = Words(tmp_path)
+    monkeypatch.setattr(words_module, "AT_ONCE", many)
+    for start in {0, words.starts - 1}:
+        slices, found = zip(*words.ids(start), strict=True)
+        assert [*np.r_[slices]] == [*range(math.prod(words.counts))] if len(slices) > 1 else slices[0].start == 0
+        assert len(slices) == {1: words.blocks[0], 1 << 20: 1}.get(many, len(slices))
+        expected = []
+        for cell in np.ndindex(*words.counts):
+            block, own = zip(*map(divmod, cell, words.sides.tolist()), strict=True)
+            inner = int(np.ravel_multi_index(own, words.sides))
+            expected.append(words.bodies[words.index[(start, *block)], inner])
+        assert np.concatenate(found).tolist() == expected
+
+
 def test_damage_is_refused(tmp_path):
-    data, rng = exported("plane"), np.random.default_rng(0)
-    for at in [*rng.integers(0, len(data), 20).tolist(), 12, len(data) - 1]:
-        bad = bytearray(data)
-        bad[at] ^= 16
-        assert "exported table " in refusals("plane", bytes(bad), tmp_path)[0]
-    assert "exported table " in refusals("plane", data[:-8], tmp_path)[0]
+    path, rng = tmp_path / "sdhj_table.bin", np.random.default_rng(0)
+    data = bytes(exported("plane"))
+    changed = [*rng.integers(16, len(data), 20).tolist(), 0, 12, 128, 159, 160, len(data) - 1]
+    spoiled = [data[:at] + bytes([data[at] ^ 16]) + data[at + 1 :] for at in changed]
+    spoiled += [data[:-8], data[:559], data[:12], b"", b"sdhjcell"]
+    for at in (100, 300):  # with one of the two sums right
+        for wrong in (12, 128):
+            own = bytearray(data)
+            own[at] ^= 1
+            own = bytearray(signed(own))
+            own[wrong] ^= 1
+            if wrong == 128:
+                own[12:16] = zlib.crc32(bytes(own[:12] + own[16:])).to_bytes(4, "little")
+            spoiled.append(bytes(own))
+    spoiled.append(signed(bytearray(b"sdhjcelk" + data[8:])))
+    for bad in spoiled:
+        path.write_bytes(bad)
+        with pytest.raises(ValueError, match="must be whole"):
+            Words(path)
