@@ -1,9 +1,6 @@
 """The claims of a file: it proves what holds, and finds what was planted."""
 
-import math
 import shutil
-from fractions import Fraction
-from types import SimpleNamespace
 
 import naive_certified as naive
 import numpy as np
@@ -14,7 +11,6 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 import sdhj
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.check import sampled, verify
-from sdhj.certified.check.arm.claims import PI, Arm, Scene, cells_added
 from sdhj.certified.check.reading import head_and_arrays
 
 pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
@@ -225,103 +221,7 @@ def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
         planted(saved, tmp_path, beyond_the_pool)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("half_width", True),
-        ("pursuer_radius", -1.0),
-        ("v_d_max", -0.1),
-        ("delta", math.inf),
-        ("steps", 0),
-        ("input_levels", 1),
-        ("input_levels", 10**30),
-        ("lengths", [0.15]),
-        ("lengths", None),
-        ("kinematics", "foo"),
-        ("obstacles", {}),
-        ("obstacles", [3]),
-        ("obstacles", [STILL | {"radius": -1.0}]),
-        ("obstacles", [STILL | {"path": STILL["path"] | {"kind": "spiral"}}]),
-        ("obstacles", [STILL | {"path": STILL["path"] | {"centre": [0.0]}}]),
-        ("obstacles", [CIRCLE | {"path": CIRCLE["path"] | {"rate": None}}]),
-        ("target", None),
-        ("target", {}),
-    ],
-)
-def test_numbers_that_make_no_sense_are_refused(saved, tmp_path, name, value):
-    def senseless(told, arrays):
-        told["recipe"]["arguments"][name] = value
-
-    with pytest.raises(ValueError, match="the file is damaged"):
-        planted(saved, tmp_path, senseless)
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda told, group: told["cells"].__delitem__("shape"),
-        lambda told, group: told["cells"].update(shape=32),
-        lambda told, group: told["cells"].update(widths=["1/2"] * 3),
-        lambda told, group: told.update(recipe=[]),
-        lambda told, group: told.update(recipe={"builder": "foo", "arguments": {}}),
-        lambda told, group: rewrite(group, "index", -group["index"][()].astype(np.int64)),
-        lambda told, group: rewrite(group, "index", group["index"][()].astype(">u4")),
-    ],
-)
-def test_damaged_files_are_refused(saved, tmp_path, damage):
-    with pytest.raises(ValueError, match="the file is damaged"):
-        planted(saved, tmp_path, damage)
-
-
 def test_samples_and_seed_that_make_no_sense_are_refused(saved):
     for options in ({"samples": 0}, {"samples": -1}, {"samples": True}, {"seed": -1}, {"seed": 0.5}):
         with pytest.raises(ValueError, match="must be a"):
             verify(saved[0], **options)
-
-
-# ---- cells that cover, sets that grow
-
-
-def test_cells_that_do_not_cover_are_found(recipe):
-    arm = object.__new__(Arm)
-    arm.scene, arm.counts = Scene(recipe, naive.sensing()), np.array([32, 32, 8, 8])
-    box = arm.scene.box
-    fine = [(Fraction(0), PI[1] / 16, 2 * PI[0], 2 * PI[1])] * 2 + [(-box, box / 4, 2 * box, 2 * box)] * 2
-    arm.axes = fine
-    assert not arm.uncovered()
-    for axis, changes in (
-        (0, {2: Fraction(22, 7) * 2, 3: Fraction(22, 7) * 2}),
-        (1, {2: 2 * PI[1]}),
-        (1, {2: 2 * PI[0] - Fraction(1, 10**12)}),
-        (1, {3: 2 * PI[0]}),
-        (0, {1: PI[0] / 16}),
-        (3, {1: box / 4 * Fraction(99, 100)}),
-        (2, {0: -box + 1}),
-        (2, {2: 2 * box - box / 8, 3: 2 * box - box / 8}),
-    ):
-        axes = [list(one) for one in fine]
-        for place, value in changes.items():
-            axes[axis][place] = value
-        arm.axes = [tuple(one) for one in axes]
-        assert [wrong.startswith(f"axis {axis}: ") for wrong in arm.uncovered()] == [True], (axis, changes)
-
-
-def test_survey_agrees_with_the_twin(rng):
-    steps, shape = 2, (4, 3, 5, 6)
-    cells, index, pool = naive.sets_of(steps, shape, rng, [0.97] * 3)
-    file = SimpleNamespace(
-        steps=steps, pairs=naive.pairs(steps), counts=np.array(shape), index=index, pool=pool, still=False
-    )
-    counts, grow = cells_added(file)
-    assert grow.failed == 0
-    expected, at = np.zeros_like(counts), 0
-    for k in range(steps + 1):
-        for n in range(steps - k + 1):
-            new = cells[at] & ~cells[at - 1] if n else cells[at]
-            for cell in np.argwhere(new):
-                expected[cell[0] * shape[1] + cell[1], n] += 1
-            at += 1
-    np.testing.assert_array_equal(counts, expected)
-    file.index = index.copy()
-    file.index[1, 7] = np.flatnonzero((pool & pool[index[0, 7]] != pool[index[0, 7]]).any(axis=1))[0]
-    assert "0: the set within" in cells_added(file)[1].failures[0]
