@@ -969,6 +969,23 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     ),
     "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "unsure must be 2 numbers"),
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure "),
+    "a field that is a part of another's name": (lambda told: told.update(sensing={"rror": 0.0}), "no unknown field"),
+    "a grid as a list": (lambda told: told.update(grid=["lower"]), "grid must be an entry"),
+    "a field less": (lambda told: told["proof"].pop("parts"), "the proof must have the fields"),
+    "names as a text": (lambda told: told["grid"].update(names="xy"), "names must be a list of 2"),
+    "no axes": (lambda told: told["grid"].update(lower=[]), "1 to 6 axes"),
+    "too many nodes": (lambda told: told["grid"].update(shape=[10**6 + 1, 21]), "numbers of nodes"),
+    "too many cells": (lambda told: told["cells"].update(shape=[2, 10**6 + 1]), "shape must be numbers of cells"),
+    "inputs of one number": (lambda told: told.update(inputs=[0.0] * 4), "an input must be"),
+    "no steps": (lambda told: told.update(steps=0), "steps must"),
+    "too many steps": (lambda told: told.update(steps=10**6 + 1), "steps must"),
+    "too many parts": (lambda told: told["proof"].update(parts=1001), "parts must"),
+    "a delay of more than an interval": (lambda told: told.update(sensing={"delay": 0.26}), "delay must be"),
+    "jitter of more than half an interval": (lambda told: told.update(sensing={"jitter": 0.126}), "jitter must be"),
+    "jitter below zero": (lambda told: told.update(sensing={"jitter": -0.01}), "jitter must be"),
+    "rest": (lambda told: told.update(sensing={"rest": 4}), "rest must be"),
+    "a set on no axes": (lambda told: told["sets"][1].update(axes=[]), "axes of a set"),
+    "an input of a set twice": (lambda told: told["sets"][1].update(inputs=[0, 0]), "inputs of an unsafe set"),
 }
 FORGERIES |= {f"head: {name}": Forgery("plane", said, head(change)) for name, (change, said) in HEADS.items()}
 FORGERIES |= {

@@ -385,7 +385,8 @@ class Problem:
                     "bounds": f"|v{k + 1}| <=",
                     "gain": f"d{self.names[axis % self.ndim]}/dt: v{component + 1} *",
                 }.get(name, f"d{self.names[axis % self.ndim]}/dt: {name}")
-                texts = [row[k] for row in own]
+                # A product with what may be a sum.
+                texts = [f"({row[k]})" if name == "gain" else row[k] for row in own]
                 # Only inputs that follow each other are put together.
                 for text, some in groupby(range(self.count), texts.__getitem__):
                     numbers = [*some]
@@ -450,7 +451,8 @@ def written(
     if node.name in SIGNS:
         binds, sign = SIGNS[node.name]
         # Operations of one strength go from left to right: at the right such an operand needs parentheses.
-        return binds, f"{within(0, binds)} {sign} {within(1, binds + 1)}"
+        chained = binds == SIGNS["less"][0]  # a < b < c would be read as both
+        return binds, f"{within(0, binds + chained)} {sign} {within(1, binds + 1)}"
     if node.name == "neg":
         return 3, f"-{within(0, 5)}"
     if node.name in ("sqr", "power"):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forged_robots import CLEAR, FORGERIES, NEARER, PROMISED, ROBOTS, Forgery, file_of, of_a_set
+from forged_robots import CLEAR, FORGERIES, NEARER, PROMISED, ROBOTS, file_of
 from gate import box_beside, refusals
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 from parameters import but_slow
@@ -78,15 +78,6 @@ def test_where_a_search_is_given_up_nothing_is_known(tries, tmp_path, monkeypatc
     assert plain.edges[0][1] == 1.0 and plain.driven(np.array([0]), 0, 0, 1)[1][1, 0, 0] >= np.expm1(5.9)
 
 
-def test_a_name_is_printed_in_one_line(tmp_path):
-    path = Forgery("line", "", of_a_set(1, name="post\n\nproved" + 200 * "!")).write(
-        file_of("line"), tmp_path / "f.npz"
-    )
-    with head_and_arrays(path) as (told, arrays):
-        text = str(Argument(told, arrays).problem)
-    assert "unsafe, post\\n\\nproved!!!" in text and 101 * "!" not in text
-
-
 def of(claims, words):
     (one,) = (claim for claim in claims if words in claim.name)
     return one
@@ -104,23 +95,6 @@ def test_what_is_not_promised_is_counted(tmp_path):
     assert "were not looked at" in str(some) and not any("were not looked at" in str(one) for one in made[True])
     few = of([*plain.claims(True, samples=50, seed=1)], CLEAR)
     assert 0 < few.checked < few.made == all_of_it.made
-
-
-def test_the_problem_is_printed_as_it_was_read(tmp_path):
-    (tmp_path / "true.npz").write_bytes(file_of("plane"))
-    with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
-        text = str(Argument(told, arrays).problem)
-    for line in (
-        "x1 from -2 to 2, ends: unsafe, unsafe",
-        "3 intervals of 0.25 s",
-        "u1 = (-1, 0)",
-        "|v2| <= 0.1",
-        "dx1/dt: drift -1.0    [u1]",
-        "target, target:",
-        "hypot(x1 - 1.0, x2) - 0.5 <= 0",
-        "hypot(x1, x2 - 1.2 + 0.4 * t) - 0.3 <= 0",
-    ):
-        assert line in text, text
 
 
 @pytest.mark.slow
