@@ -856,6 +856,7 @@ FORGERIES: dict[str, Forgery] = {
     "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=1e6)),
     "nobody's black box": Forgery("hidden", "have the black box"),
     "the black box of another": Forgery("hidden", "have the black box", beside=line),
+    "a black box among fewer sets": Forgery("hidden", "have the black box", beside=lambda: line(unsafe=[])),
     "a black box of which nothing is stated": Forgery(
         "hidden", "must have an enclosure", beside=lambda: hidden(slope=None)
     ),
@@ -942,6 +943,10 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "another format": (lambda told: told["formulas"].update(format=2), "of format 1"),
     "a line": (lambda told: lines(told, "drift").insert(0, "halt 0"), "of drift: an operation"),
     "results": (lambda told: lines(told, "drift").__setitem__(-1, "return 0"), "drift must have 8 results"),
+    "more results": (
+        lambda told: lines(told, "drift").__setitem__(-1, "return 0" + 8 * " 0"),
+        "drift must have 8 results",
+    ),
     "two results": (lambda told: lines(told, "target").__setitem__(-1, "return 0 0"), "target must have one result"),
     "coordinates": (lambda told: told["formulas"]["functions"]["gain"].update(coordinates=3), "gain must have 2 coord"),
     "both": (lambda told: told["formulas"].update(opaque={"drift": ""}), "function is a formula"),

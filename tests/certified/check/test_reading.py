@@ -2,20 +2,25 @@
 
 import itertools
 import json
+import math
+import os
 from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from forged_robots import file_of, plane
 from naive_certified import CIRCLE, LINE, SMALL, STILL, TARGET
 from naive_certified import sensing as certain
 
 import sdhj
+from sdhj.certified.check import reading, stated
 from sdhj.certified.check.arm.claims import PI, Scene, overlapped
 from sdhj.certified.check.arm.recipe import expect_recipe
-from sdhj.certified.check.reading import edges_of
+from sdhj.certified.check.reading import decimal, edges_of, expect_room, head_and_arrays
 from sdhj.certified.check.sampled import InMemory
 from sdhj.certified.check.stated import Problem
+from sdhj.problem.describing import arrays_of
 from sdhj.table.files import make_head
 
 
@@ -126,3 +131,126 @@ def test_edges_are_the_floats_nearest_to_fractions(rng):
         inner = [float(low + i * axis[1]) for i in range(cells - sum(layers))]
         ends = [float(low)] * layers[0] + inner + [float(low + (axis[2] + axis[3]) / 2)] * (1 + layers[1])
         assert edges_of(cells, axis, layers).tolist() == ends
+
+
+def test_a_decimal_is_the_shortest_that_is_read_as_the_number(rng):
+    """Of up to eleven digits, times powers of two and ten; the number itself, of those that have no such decimal."""
+    for _ in range(100):
+        digits = int(rng.integers(1, 10 ** int(rng.integers(1, 12)))) * (-1) ** int(rng.integers(2))
+        for tens, twos in ((rng.integers(-11, 1), rng.integers(-30, 31)), (rng.integers(-90, 90), 0)):
+            value = digits * Fraction(10) ** int(tens) * Fraction(2) ** int(twos)
+            assert decimal(float(value)) == value
+    # a few have one of 14 digits by chance
+    assert np.mean([decimal(value) == Fraction(value) for value in rng.uniform(1, 9, 100)]) > 0.8
+    assert decimal(math.pi) == Fraction(math.pi) and decimal(2 * math.pi) == Fraction(2 * math.pi)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [KeyError, IndexError, TypeError, AttributeError, ZeroDivisionError, OverflowError, RuntimeError, ValueError],
+)
+def test_whatever_goes_wrong_with_a_file_is_told_of_it(error, tmp_path):
+    (path := tmp_path / "line.npz").write_bytes(file_of("line"))
+    with pytest.raises(ValueError, match=r"line.npz: its certified sets make no sense .*mine"), head_and_arrays(path):
+        raise error("mine")
+
+
+def test_what_is_no_file_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ValueError, match="pipe is no file"), head_and_arrays(tmp_path / "pipe"):
+        pass
+    with pytest.raises(FileNotFoundError, match=r"no file .*nowhere"), head_and_arrays(tmp_path / "nowhere"):
+        pass
+
+
+def test_room_is_asked_for_in_gigabytes_and_all_that_is_free_may_be_taken(monkeypatch):
+    monkeypatch.setattr(reading, "free_memory", lambda: iter([5e10, 2.5e9, 4e9]))
+    expect_room(0)
+    expect_room(2_500_000_000)
+    for needed, said in (
+        (2_500_000_001, "takes 2.5 GB of memory, and 2.5 GB are free"),
+        (10**400, r"takes 10\^400 bytes"),
+    ):
+        with pytest.raises(MemoryError, match=said):
+            expect_room(needed)
+
+
+def test_memory_is_free_by_each_limit_that_the_system_tells(monkeypatch):
+    """The machine's, less what a group uses of its own, less the pages that the process has, by hand."""
+    resource = pytest.importorskip("resource")
+    told = {
+        "/proc/meminfo": "MemTotal: 9000 kB\nMemAvailable:    1000 kB\n",
+        "/sys/fs/cgroup/memory.max": "5000\n",
+        "/sys/fs/cgroup/memory.current": "3000\n",
+        "/sys/fs/cgroup/memory.stat": "anon 1\ninactive_file 500\n",
+        "/proc/self/statm": "7 3 2 1 0 1 0\n",
+    }
+
+    class Told:
+        def __init__(self, path):
+            self.path = path
+
+        def read_text(self, encoding):
+            if self.path not in told:
+                raise FileNotFoundError(self.path)
+            return told[self.path]
+
+    monkeypatch.setattr(reading, "Path", Told)
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (10**6, 10**9) if which == resource.RLIMIT_AS else (0, 0))
+    pages = 7 * resource.getpagesize()
+    assert [*reading.free_memory()] == [math.inf, 1000 * 1024, 5000 - 3000 + 500, 10**6 - pages]
+    told["/sys/fs/cgroup/memory.max"] = "max\n"
+    del told["/proc/meminfo"]
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (resource.RLIM_INFINITY,) * 2)
+    assert [*reading.free_memory()] == [math.inf, math.inf]
+
+
+def test_tables_of_formulas_have_so_much_room_together(monkeypatch):
+    both = object.__new__(Problem)
+    both.tables, both.arrays = {}, InMemory({"tables/0": np.zeros(4), "tables/1": np.ones(4)})
+    monkeypatch.setattr(stated, "MOST_TABLES", 2 * 32)
+    assert [both.table(number, 1).tolist() for number in (0, 1, 0)] == [[0.0] * 4, [1.0] * 4, [0.0] * 4]
+    both.tables = {}
+    monkeypatch.setattr(stated, "MOST_TABLES", 2 * 32 - 1)
+    both.table(0, 1)
+    with pytest.raises(ValueError, match="tables/1 must be kept"):
+        both.table(1, 1)
+
+
+SENSING = {  # whether measurements are no states, and are remembered
+    "nothing": ({}, False, False),
+    "no errors": ({"error": 0.0, "memory": True}, False, False),
+    "an error on one axis": ({"error": [0.0, 0.1], "memory": False}, True, False),
+    "one error for all": ({"error": 0.1, "memory": True}, True, True),
+    "a delay": ({"delay": 0.25}, True, False),
+    "jitter": ({"jitter": 0.125, "memory": True}, True, True),
+    "all of an interval": ({"delay": 0.05, "jitter": 0.1, "rest": 3}, True, False),
+}
+
+
+@pytest.mark.parametrize("name", SENSING)
+def test_what_is_sensed(name):
+    sensing, sensed, remembered = SENSING[name]
+    problem = plane()
+    head = json.loads(json.dumps(make_head(problem, "certified", {}, problem.digest))) | {"sensing": sensing}
+    head["grid"].pop("names", None)
+    robot = Problem(head, InMemory(arrays_of(problem)), None)
+    assert (robot.sensed, robot.memory, robot.names) == (sensed, remembered, ["x1", "x2"])
+    assert robot.error.tolist() == {float: [sensing.get("error")] * 2, list: sensing.get("error")}.get(
+        type(sensing.get("error")), [0.0] * 2
+    )
+    np.testing.assert_allclose(robot.spacing, [0.2, 0.2])
+
+
+def test_a_gain_that_is_a_black_box_has_values_for_axes_and_components():
+    gain = sdhj.BlackBox(
+        lambda q, u, t: np.tile([[0.5, 0.0], [2.0, 3.0]], (len(q), 1, 1)), slope=[[0.0, 0.0], [1.0, 0.0]], rate=0.0
+    )
+    problem = plane(gain=gain)
+    head = json.loads(json.dumps(make_head(problem, "certified", {}, problem.digest)))
+    robot = Problem(head, InMemory(arrays_of(problem)), problem)
+    low = np.array([[-1.0], [0.0]])
+    found = np.array(robot.velocity(0, low, low + 0.2, (0.0, 1.0), True))[:, :, 0]
+    # with a slope of 0.1 for the half of a box, on the second axis
+    np.testing.assert_allclose(found, [[1.0 - 0.05, -0.1 * (2.1 + 3.1)], [1.0 + 0.05, 0.1 * (2.1 + 3.1)]], atol=1e-7)
+    assert robot.trusted == {"gain"}

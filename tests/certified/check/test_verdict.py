@@ -6,6 +6,7 @@ import runpy
 import sys
 import time
 
+import numpy as np
 import pytest
 from forged_robots import FORGERIES, file_of, solved
 from room import room
@@ -72,7 +73,12 @@ def test_what_is_asked_for_is_looked_at(plane):
         (every, samples, seed): verify(
             plane, everywhere=every, samples=samples, seed=seed, exported=plane.parent, progress=False
         )
-        for every, samples, seed in ((False, None, 0), (True, None, 0), (False, 40, 0), (False, 40, 1))
+        for every, samples, seed in (
+            (False, None, 0),
+            (True, None, 0),
+            (False, 40, 0),
+            (False, np.int64(40), np.uint8(1)),
+        )
     }
     assert all(one.ok and "3 intervals of 0.25 s" in one.problem for one in found.values())
     some, every, few, other = map(made_and_checked, found.values())
@@ -139,5 +145,10 @@ def test_a_check_asks_for_its_memory_before_it_begins(plane):
     """More than its arrays take, which are there already."""
     with head_and_arrays(plane) as (_, arrays):
         there = arrays.nbytes
-    with pytest.raises(MemoryError, match="samples=1000"), room(2 * there):
-        verify(plane, samples=1, progress=False)
+    for nbytes in (2 * there, there - 1):
+        with pytest.raises(MemoryError, match="samples=1000"), room(nbytes):
+            verify(plane, samples=1, progress=False)
+    with room(there), head_and_arrays(plane) as (_, arrays):
+        assert arrays.nbytes == there
+    with pytest.raises(MemoryError, match="samples=1000"), room(there - 1), head_and_arrays(plane):
+        pass
