@@ -324,3 +324,57 @@ def test_one_false_value_of_a_black_box_is_named_with_its_place(result):
     place, values = re.search(r"at 0.5 s and \[\[(.*)\]\], got \[\[(.*)\]\]", str(refused.value)).groups()
     assert 1.0 <= float(place) <= 1.1
     assert [*map(float, values.split(", "))] == [3.0 * float(place) * (k == result) for k in range(2)]
+
+
+def driven(second=0.0, gain=(1.0, 0.0, 0.0, 1.0)):
+    """A robot in the plane: dx = u + gain v, dy = second + gain v, where all may be functions of q and t."""
+
+    def of(one, q, t=0.0):
+        return one(q, t) if callable(one) else np.full(len(q), one)
+
+    return plane(
+        drift=lambda q, u, t: np.stack([np.full(len(q), u[0]), of(second, q, t)], axis=1),
+        gain=lambda q: np.stack([of(one, q) for one in gain], axis=1).reshape(-1, 2, 2),
+    )
+
+
+READS = {  # a robot, by axes which coordinates its velocity reads, and whether it is always in one range
+    "nothing": (driven, [[0, 0], [0, 0]], [1, 1]),
+    "a drift": (lambda: driven(second=lambda q, t: np.sin(q[:, 0])), [[0, 0], [1, 0]], [1, 0]),
+    "a gain": (lambda: driven(gain=(0.0, lambda q, t: q[:, 1], 1.0, 0.0)), [[0, 1], [0, 0]], [0, 1]),
+    "a gain, further on": (lambda: driven(gain=(1.0, 0.0, 0.0, lambda q, t: q[:, 0])), [[0, 0], [1, 0]], [1, 0]),
+    "a bound that the library would have as a gain": (driven, [[0, 1], [0, 1]], [0, 0]),
+    "the time": (lambda: driven(second=lambda q, t: np.full(len(q), t)), [[0, 0], [0, 0]], [0, 0]),
+    "not linear": (
+        lambda: plane(
+            drift=None,
+            gain=None,
+            velocity=lambda q, u, v: np.stack([np.full(len(q), u[0] + v[0]), q[:, 1] * v[1] ** 2], axis=1),
+        ),
+        [[0, 0], [0, 1]],
+        [0, 0],
+    ),
+    "measured": (
+        lambda: replace(driven(second=lambda q, t: q[:, 1]), sensing=sdhj.Sensing(0.01)),
+        [[0, 0], [0, 1]],
+        [0, 0],
+    ),
+    "a black box": (
+        lambda: plane(gain=sdhj.BlackBox(lambda q, u, t: np.tile(np.eye(2), (len(q), 1, 1)), slope=0.0, rate=0.0)),
+        [[1, 1], [1, 1]],
+        [0, 0],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", READS)
+def test_which_coordinates_a_velocity_reads(name):
+    problem, reads, steady = READS[name]
+    problem = problem()
+    head = json.loads(json.dumps(make_head(problem, "certified", {}, problem.digest)))
+    if name.startswith("a bound"):
+        head["formulas"]["functions"]["bounds"]["lines"] = ["const 0x1p-4", "x 1", "return" + 4 * " 0 1"]
+    robot = Problem(head, InMemory(arrays_of(problem)), problem)
+    assert robot.reads.astype(int).tolist() == reads
+    assert [int(robot.steady(axis)) for axis in (0, 1)] == steady
+    assert robot.timed == (name == "the time")
