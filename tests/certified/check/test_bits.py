@@ -1,5 +1,9 @@
 """Packed sets of a file, against plain arrays."""
 
+import pickle
+import shutil
+from types import SimpleNamespace
+
 import naive_certified as naive
 import numpy as np
 import pytest
@@ -25,3 +29,30 @@ def test_bits_are_dropped():
         assert not kept[start:stop].any() and kept.sum() == 192 - (stop - start)
         assert bits.any_bit(block) == kept.any()
         assert [bits.has(block, bit) for bit in range(192)] == kept.tolist()
+
+
+def test_code_that_is_not_what_was_kept_is_not_run(tmp_path):
+    """It is of these sources and this stamp, of this key, and each byte of it is what was written."""
+
+    def kept(stamp):
+        return bits.Kept(
+            SimpleNamespace(_source_stamp=stamp, _index_name="f", _cache_path=tmp_path, _dump=pickle.dumps)
+        )
+
+    ours = kept((1, 2))
+    ours.save("key", "code")
+    ours.save("other", "more code")
+    file, other = ours.place("key"), ours.place("other")
+    assert (ours.load("key"), ours.load("other")) == ("code", "more code")
+    assert {*tmp_path.iterdir()} == {file, other} and file.name.startswith("f.")
+    with pytest.raises(OSError, match="No such file"):
+        ours.load("nobody's")
+    assert kept((1, 3)).load("key") is None
+    shutil.copy(file, other)
+    assert ours.load("other") is None
+    whole = file.read_bytes()
+    for place in (0, 63, 64, len(whole) - 1):
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        assert ours.load("key") is None
+    file.write_bytes(whole[:-1])
+    assert ours.load("key") is None

@@ -5,6 +5,7 @@ import json
 import math
 import os
 from fractions import Fraction
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -81,6 +82,53 @@ def test_a_head_is_what_its_recipe_makes_and_no_other(built):
     for change in each:
         with pytest.raises(ValueError, match="of its recipe"):
             expect_recipe(robot, Scene(made | {"arguments": made["arguments"] | change}, robot))
+
+
+@cache
+def text_of_small_head():
+    problem = sdhj.arm_case_study(**SMALL | {"obstacles": AMONG})
+    return json.dumps(make_head(problem, "certified", {}, problem.digest))
+
+
+def also_reads(name, line):
+    """A formula of the velocity reads one thing more, which is 0 at the origin at time 0."""
+
+    def forge(head):
+        own = head["formulas"]["functions"][name]
+        *lines, (_, first, *others) = *own["lines"][:-1], own["lines"][-1].split()
+        own["lines"] = [*lines, line, f"add {first} {len(lines)}", " ".join(["return", str(len(lines) + 1), *others])]
+
+    return forge
+
+
+OF_ANOTHER = {  # what a head says, which is of another robot than its recipe's
+    **{
+        f"{name} reads {line}": also_reads(name, line)
+        for name in ("drift", "gain", "bounds")
+        for line in ("p 0", "x 2")
+    },
+    "obstacles under some inputs": lambda head: head["sets"][1].update(inputs=[0]),
+    "a pursuer under some inputs": lambda head: head["sets"][2].update(inputs=[1, 2]),
+    "no target": lambda head: [head["sets"].pop(0), head["formulas"]["functions"].pop("target")],
+    "no pursuer": lambda head: [head["sets"].pop(2), head["formulas"]["functions"].pop("unsafe 1")],
+    "another interval": lambda head: head.update(delta=0.11),
+    "another step": lambda head: head.update(steps=3),
+    "another input": lambda head: head["inputs"][4].__setitem__(1, 1e-8),
+    "another square": lambda head: head["grid"]["upper"].__setitem__(3, 0.361),
+    "its other side": lambda head: head["grid"]["lower"].__setitem__(2, -0.361),
+    "a square that closes": lambda head: head["grid"]["periodic"].__setitem__(3, True),
+    "a joint that does not": lambda head: head["grid"]["periodic"].__setitem__(0, False),
+    "no walls": lambda head: head["grid"]["ends"].__setitem__(2, ["wall", "unsafe"]),
+}
+
+
+@pytest.mark.parametrize("change", OF_ANOTHER)
+def test_a_head_of_another_robot_is_not_what_its_recipe_makes(change):
+    head = json.loads(text_of_small_head())
+    OF_ANOTHER[change](head)
+    robot = Problem(head, InMemory({}), None)
+    with pytest.raises(ValueError, match="must be those of its recipe"):
+        expect_recipe(robot, Scene(head["recipe"], robot))
 
 
 @pytest.mark.parametrize("sensing", [{}, {"error": [0.02, 0.0, 0.01, 0.0], "delay": 0.03, "jitter": 0.01}])

@@ -173,18 +173,24 @@ def test_what_was_looked_at_is_in_the_file_and_its_summary(tmp_path):
 @pytest.fixture
 def arm(rng):
     """Sets of an arm that grow by chance, and whose last two are larger by a cell alone; one input is clear once."""
-    arm, shape = object.__new__(Arm), (9, 8, 6, 7)
-    arm.steps, arm.still, arm.counts, arm.pairs = 3, False, np.array(shape), naive.pairs(3)
-    arm.cells = naive.sets_of(3, shape, rng, [0.02, 0.02, 0.02, 0.0])[0]
-    arm.cells[2] = arm.cells[1]
-    arm.cells[3] = arm.cells[1]
-    arm.cells[2:4, 4, 4, 2, 2] = arm.cells[3, 5, 5, 3, 3] = True
-    blocks = naive.packed(arm.cells).reshape(10, 72, -1)
-    arm.pool, index = np.unique(blocks.reshape(720, -1), axis=0, return_inverse=True)
-    arm.index = index.reshape(10, 72)
+    cells = naive.sets_of(3, (9, 8, 6, 7), rng, [0.02, 0.02, 0.02, 0.0])[0]
+    cells[2] = cells[1]
+    cells[3] = cells[1]
+    cells[2:4, 4, 4, 2, 2] = cells[3, 5, 5, 3, 3] = True
+    arm = with_sets(cells)
     arm.allowed = rng.random((3, 5, 9, 8)) < 0.3
     arm.allowed[:, 2] = False
     arm.allowed[1, 2, 7, 7] = True
+    return arm
+
+
+def with_sets(cells):
+    """An arm with those sets, (10, n1, n2, nx, ny) bool."""
+    arm, (_, *shape) = object.__new__(Arm), cells.shape
+    arm.steps, arm.still, arm.counts, arm.pairs, arm.cells = 3, False, np.array(shape), naive.pairs(3), cells
+    blocks = naive.packed(cells).reshape(10, shape[0] * shape[1], -1)
+    arm.pool, index = np.unique(blocks.reshape(-1, blocks.shape[-1]), axis=0, return_inverse=True)
+    arm.index = index.reshape(10, -1)
     return arm
 
 
@@ -205,7 +211,11 @@ def new_of(arm):
     return [own & ~arm.cells[at - 1] if arm.pairs[at, 1] else own for at, own in enumerate(arm.cells)]
 
 
-def test_rims_of_an_arm_are_counted_as_cell_by_cell(arm):
+@pytest.mark.parametrize("full", [False, True])
+def test_rims_of_an_arm_are_counted_as_cell_by_cell(arm, full, rng):
+    """Of few cells all are at rims; of nearly all few, each for one cell beside it."""
+    if full:
+        arm = with_sets(naive.sets_of(3, (9, 8, 6, 7), rng, [0.96] * 4)[0])
     rims, ends = np.zeros((9, 8), int), np.zeros((9, 8, 4), int)
     for own, new in zip(arm.cells, new_of(arm), strict=True):
         for i, j, x, y in np.argwhere(new):
@@ -220,6 +230,16 @@ def test_rims_of_an_arm_are_counted_as_cell_by_cell(arm):
             ends[i, j] += x == 0, x == 5, y == 0, y == 6
     for row, (i, j) in enumerate(np.ndindex(9, 8)):
         assert drawn.at_rims(arm, row) == [rims[i, j], *ends[i, j]]
+
+
+def test_rows_of_each_kind_are_those_that_have_it(arm):
+    rows = [*np.ndindex(9, 8)]
+    some = [arm.cells[:, i, j].any() for i, j in rows]
+    ends = [(0, 0), (0, 8), (1, 0), (1, 7)]
+    expected = [[full and row[joint] == end for full, row in zip(some, rows, strict=True)] for joint, end in ends]
+    expected += [[arm.allowed[:, j, i1, i2].any() for i1, i2 in rows] for j in range(5)]
+    expected += [[new[i1, i2].any() for i1, i2 in rows] for new in reversed(new_of(arm))]
+    assert [own.tolist() for own in drawn.each_of(arm)] == expected
 
 
 @pytest.mark.parametrize("seed", range(5))
