@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zoo
-from forged_robots import WIND, file_of, hidden, line, plane, ring, veering
+from forged_robots import WIND, cart, file_of, hidden, line, plane, ring, veering
 from forging import FORGERIES, forged, replaced
 
 import sdhj
 from sdhj.certified.check import verify
 from sdhj.certified.check.sampled import InMemory
-from sdhj.certified.check.stated import BlackBox, Problem
+from sdhj.certified.check.stated import BlackBox, Problem, shortened
 from sdhj.problem.describing import arrays_of
 from sdhj.table.files import make_head
 
@@ -118,6 +118,27 @@ velocities, drift + gain v with |v| <= bounds:
 target, target:
   abs(x1) - 0.5 <= 0""",
     ),
+    "a cart that is late, without a target": (
+        lambda: replace(cart(delta=0.123456), sensing=sdhj.Sensing(0.0, 0.1, memory=False)),
+        """\
+the state, 2 numbers:
+  x1 from -1 to 1, ends: unsafe, unsafe
+  x2 from -1 to 1, ends: unsafe, unsafe
+3 intervals of 0.123456 s
+measured up to 0, 0, late by 0.1 s, a clock off by 0 s; does not remember
+3 inputs:
+  u0 = (-3)
+  u1 = (0)
+  u2 = (3)
+velocities, drift + gain v with |v| <= bounds:
+  |v1| <= 0.2
+  dx1/dt: drift x2
+  dx2/dt: drift -3.0    [u0]
+  dx2/dt: drift 0.0    [u1]
+  dx2/dt: drift 3.0    [u2]
+  dx1/dt: v1 * (0.0)
+  dx2/dt: v1 * (1.0)""",
+    ),
     "not linear, with names, and a set on the second axis": (
         lambda: replace(
             plane(drift=None, gain=None, velocity=mixed),
@@ -185,6 +206,11 @@ def test_a_problem_is_printed_as_it_was_read(name):
     problem = problem()
     head = json.loads(json.dumps(make_head(problem, "certified", {}, problem.digest)))
     assert str(Problem(head, InMemory(arrays_of(problem)), problem)) == text
+
+
+def test_as_many_lines_are_printed_as_there_is_room_for():
+    assert shortened(["a"] * 40) == ["  a"] * 40
+    assert shortened(["a"] * 41) == ["  a"] * 40 + ["  and 1 lines more"]
 
 
 @pytest.mark.slow

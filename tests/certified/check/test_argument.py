@@ -1,0 +1,136 @@
+"""The parts of the checker's argument by which work is cut in pieces and put together, against plain loops."""
+
+import os
+from itertools import product
+
+import numpy as np
+import pytest
+from forged_robots import file_of
+
+from sdhj.certified.check import argument
+from sdhj.certified.check.argument import Argument, everywhere, failing, in_slabs, in_tiles, left_open, some_of, spread
+from sdhj.certified.check.reading import head_and_arrays
+
+
+def read(name, folder):
+    (folder / "table.npz").write_bytes(file_of(name))
+    with head_and_arrays(folder / "table.npz") as (told, arrays):
+        return Argument(told, arrays)
+
+
+@pytest.mark.parametrize("slab", [1, 3, 1 << 15])
+def test_boxes_are_halved_until_all_is_known(slab, rng, monkeypatch):
+    """A property that is told of boxes of a side of 1/4 at most, and fails on disks: those that meet one fail."""
+    monkeypatch.setattr(argument, "SLAB", slab)
+    centres = rng.uniform(0.0, 6.0, (6, 2))
+    low = rng.uniform(0.0, 5.0, (20, 2))
+    boxes = np.array([low, low + 1.0]).swapaxes(1, 2)
+    asked = []
+
+    def holds(some):
+        asked.append(some.shape[2])
+        apart = np.array([np.hypot(*(np.clip(centre[:, None], *some) - centre[:, None])) > 0.3 for centre in centres])
+        within = np.array([np.hypot(*np.abs(some - centre[:, None]).max(axis=0)) < 0.3 for centre in centres])
+        small = (some[1] - some[0] <= 0.25 + 1e-9).all(axis=0)
+        return apart.all(axis=0) & small, within.any(axis=0)
+
+    nearest = np.array([np.clip(centre, low, low + 1.0) - centre for centre in centres])
+    met = (np.hypot(*nearest.transpose(2, 0, 1)) <= 0.3).any(axis=0)
+    found = everywhere(holds, boxes, (0, 1), 2)
+    assert found.tolist() == (~met).tolist() and 4 < met.sum() < 16
+    assert max(asked[1:]) <= slab
+    assert not everywhere(holds, boxes, (0, 1), 1).any()  # once is too few
+    assert not everywhere(holds, boxes, (0,), 9).any()  # nor are both axes halved
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3, 4])
+def test_boxes_of_few_axes_are_halved_more_often(axes):
+    deepest = {1: 10, 2: 8}.get(axes, 6)
+    boxes = np.array([np.zeros((axes, 1)), np.ones((axes, 1))])
+
+    def in_the_corner(some, side):
+        small, beside = (some[1] - some[0] <= side).all(axis=0), (some[0] > 0.0).any(axis=0)
+        return small | beside, np.zeros(some.shape[2], np.bool_)
+
+    def near_the_corner(some):
+        return in_the_corner(some, 0.5**deepest)
+
+    def nearer(some):
+        return in_the_corner(some, 0.5 ** (deepest + 1))
+
+    assert everywhere(near_the_corner, boxes, range(axes)).all()
+    assert not everywhere(nearer, boxes, range(axes)).any()
+
+
+@pytest.mark.parametrize("slab", [1, 7, 1 << 15])
+@pytest.mark.parametrize("tiles", [(1, 1), (8, 1), (8, 8), (3, 4)])
+def test_cells_are_asked_about_by_tiles_and_then_one_by_one(tiles, slab, rng, monkeypatch):
+    monkeypatch.setattr(argument, "SLAB", slab)
+    some, true = rng.random((13, 9)) < 0.5, rng.random((13, 9)) < 0.9
+    asked = []
+
+    def holds(boxes):
+        asked.append(boxes.shape[1])
+        out = []
+        for i, j, past_i, past_j in zip(*boxes, strict=True):
+            inside = slice(i, past_i + 1), slice(j, past_j + 1)
+            assert some[inside].any() and past_i < 13 and past_j < 9
+            out.append(true[inside].all())
+        return np.array(out, np.bool_)
+
+    assert (left_open(holds, some, np.array(tiles)) == (some & ~true)).all() and max(asked) <= slab
+    assert not left_open(holds, np.zeros_like(some), np.array(tiles)).any()
+
+
+def test_tiles_have_what_their_cells_have_and_the_other_way_round(rng):
+    some = rng.random((13, 9)) < 0.1
+    tiles = in_tiles(some, np.array([4, 1]))
+    assert tiles.tolist() == [[bool(some[i : i + 4, j].any()) for j in range(9)] for i in range(0, 13, 4)]
+    again = spread(tiles, (13, 9))
+    assert again.tolist() == [[bool(tiles[i // 4, j]) for j in range(9)] for i in range(13)]
+
+
+def test_what_fails_is_told_at_its_place(rng, monkeypatch):
+    monkeypatch.setattr(argument, "SLAB", 3)
+    asked, true = rng.random(20) < 0.6, rng.random(20) < 0.5
+    found = failing(lambda some, tubes: true[some] & (tubes == "tubes"), asked, "tubes")
+    assert found.tolist() == (asked & ~true).tolist()
+    assert in_slabs(lambda some: true[some], np.zeros(0, np.int64)).tolist() == []
+
+
+@pytest.mark.parametrize("given", [None, {}, "01", [True], [0.0], [-1], [3], [1, 1], ["0"]])
+def test_numbers_of_things_are_whole_and_each_once(given):
+    assert some_of("axes", [2, 0], 3).tolist() == [True, False, True]
+    assert not some_of("axes", [], 3).any()
+    with pytest.raises(ValueError, match="axes must be numbers below 3, each once"):
+        some_of("axes", given, 3)
+
+
+def test_so_many_tasks_are_looked_at_together(tmp_path, monkeypatch):
+    """As many as there are cores; of large sets fewer, and one where users wrote a function."""
+    sets = read("line", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
+    assert [sets.together(tasks) for tasks in (1, 2, 9)] == [1, 2, 3]
+    for most, tasks in ((79, 1), (80, 1), (160, 2), (400, 3)):
+        monkeypatch.setattr(argument, "MOST_CELLS", most)
+        assert sets.together(9) == tasks
+    sets.problem.trusted = {"unsafe 0"}
+    assert sets.together(9) == 1
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    sets.problem.trusted = set()
+    assert sets.together(9) == 1
+
+
+@pytest.mark.parametrize("name", ["crossed", "endless", "cart"])
+def test_sets_are_numbered_by_steps_and_steps_to_go(name, tmp_path):
+    """One behind the other; one for all steps where nothing moves, and one for ever where it holds for ever."""
+    sets = read(name, tmp_path)
+    steps = sets.problem.steps
+    pairs = {"crossed": [(k, n) for k in range(4) for n in range(4 - k)], "cart": [(0, n) for n in range(4)]}
+    pairs = pairs.get(name, [(0, 0), (0, 1)])
+    assert sets.pairs == pairs
+    numbers = {"crossed": [*range(10)], "cart": [*range(4)]}.get(name, [0, 0])
+    assert [sets.number(*pair) for pair in pairs] == numbers
+    if name != "crossed":
+        assert all(sets.number(step, n) == sets.number(0, n) for step, n in product(range(steps), range(2)))
