@@ -134,3 +134,39 @@ def test_sets_are_numbered_by_steps_and_steps_to_go(name, tmp_path):
     assert [sets.number(*pair) for pair in pairs] == numbers
     if name != "crossed":
         assert all(sets.number(step, n) == sets.number(0, n) for step, n in product(range(steps), range(2)))
+
+
+@pytest.mark.parametrize("axes", [[0, 1], [1, 0], [1]])
+def test_functions_are_asked_about_boxes_on_the_grid(axes, tmp_path, rng):
+    """Cut off at ends; where an axis closes in parts, of any length and any number of turns away: x + 2 y and -y."""
+    sets = read("turning", tmp_path)
+    low, turn = np.array([-1.0, -np.pi]), 2 * np.pi
+    starts = low + rng.uniform(-3.0, 3.0, (300, 2)) * [1.0, turn]
+    sizes = rng.choice([0.0, 0.01, 0.3, 0.9, 2.4], (300, 2)) * rng.uniform(0.8, 1.0, (300, 2)) * [2.0, turn]
+    starts[:4, 1], sizes[:4, 1] = [-np.pi, np.pi, -np.pi, 0.0], [turn, 0.1, 0.1, turn]
+    boxes = np.array([starts, starts + sizes]).swapaxes(1, 2)[:, axes]
+    before, x, y = boxes.copy(), axes.index(0) if 0 in axes else None, axes.index(1)
+
+    def bounds(low, high):
+        assert (low <= high).all() and (low[y] >= -np.pi).all() and (high[y] <= np.pi).all()
+        along = (0.0, 0.0) if x is None else (low[x], high[x])
+        both = [
+            [first + 2 * second, -other]
+            for first, second, other in zip(along, (low[y], high[y]), (high[y], low[y]), strict=True)
+        ]
+        return np.where((low[y] <= 3.0) & (high[y] >= 3.0) & (high[y] - low[y] < 0.05), np.nan, both)
+
+    found = sets.on_grid(axes, boxes, bounds)
+    assert (boxes == before).all() and found.shape == (2, 2, 300)
+    for box, least, most in zip(boxes.transpose(2, 1, 0), *found.transpose(0, 2, 1), strict=True):
+        first, last = box[y]
+        laps = [(a, b) for a, b in ((first + lap * turn, last + lap * turn) for lap in range(-6, 7))]
+        parts = [(max(a, -np.pi), min(b, np.pi)) for a, b in laps if a < np.pi - 1e-9 and b > -np.pi - 1e-9]
+        parts = [(-np.pi, np.pi)] if last - first >= turn - 1e-9 else [part for part in parts if part[0] <= part[1]]
+        if any(a <= 3.0 <= b and b - a < 0.05 for a, b in parts):
+            assert np.isinf(least).all() and np.isinf(most).all() and (least < most).all()
+            continue
+        lower, upper = min(a for a, _ in parts), max(b for _, b in parts)
+        along = np.clip(box[x], -1.0, 1.0) if x is not None else (0.0, 0.0)
+        np.testing.assert_allclose(least, [along[0] + 2 * lower, -upper], atol=1e-9)
+        np.testing.assert_allclose(most, [along[1] + 2 * upper, -lower], atol=1e-9)
