@@ -163,6 +163,18 @@ def test_hills_far_out_are_met(name, rng):
         assert (RULES[name][1]((centre - half, centre + half))[end] == exact).all()
 
 
+def test_poles_far_out_are_met(rng):
+    """Of a tangent, in narrow boxes that begin, or end, as near to a pole as an angle is known."""
+    turns = np.concatenate([rng.integers(-(10**n), 10**n, 100) for n in range(2, 13)]).tolist()
+    poles = np.array([float(Fraction(naive.pi(60)) * (k + Fraction(1, 2))) for k in turns])
+    near = np.spacing(np.abs(poles))
+    for low, high in ((poles - near, poles + near), (poles, poles + near), (poles - near, poles), (poles, poles)):
+        assert np.isnan(RULES["tan"][1]((low, high))).all()
+    for low, high in ((0.1, 1.5), (-1.5, 1.5), (1.6, 4.6)):
+        found = RULES["tan"][1]((np.array(low), np.array(high)))
+        np.testing.assert_allclose(found, np.tan([low, high]), rtol=1e-14)
+
+
 @pytest.mark.parametrize("name", RULES)
 def test_what_is_undefined_stays_so(name):
     """NaN in any one operand; but not in the branch that `where` does not take."""

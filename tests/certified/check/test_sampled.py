@@ -48,12 +48,14 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
     solved(name).save(tmp_path / "table.npz")
     with head_and_arrays(tmp_path / "table.npz") as (told, arrays):
         sets = Argument(told, arrays)
-    asked, drawn = [], {}
+    asked, drawn, counts = [], {}, []
     whole_look, whole_draw = sampled.of_an_input, sampled.some_cells
 
     def look(sets, step, j, numbers):
         asked.append((step, j))
-        return whole_look(sets, step, j, numbers)
+        count, wrong = whole_look(sets, step, j, numbers)
+        counts.append(count)
+        return count, wrong
 
     def draw(sets, step, within, *given):
         drawn[step, within] = whole_draw(sets, step, within, *given)
@@ -62,7 +64,8 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
     monkeypatch.setattr(sampled, "of_an_input", look)
     monkeypatch.setattr(sampled, "some_cells", draw)
     arrays = {one: arrays.array(one) for one in arrays.stated}
-    assert not sampled.looked_over(told, arrays, None)[2]
+    looked, _, wrong = sampled.looked_over(told, arrays, None)
+    assert not wrong and looked == len(sets.counts) + len(sets.pairs) + sum(counts) + sum(map(len, drawn.values()))
     promised = {step for step, within in sets.pairs if within and sets.promised(step).any()}
     assert {j for _, j in asked} == {*range(sets.problem.count)} and {step for step, _ in asked} == promised
     assert drawn.keys() == {*sets.pairs}
@@ -113,8 +116,32 @@ FALSE = {
 @pytest.mark.parametrize("name", FALSE)
 def test_what_is_false_is_named(name, few, tmp_path):
     robot, said, changes = FALSE[name]
-    found = changed(robot, tmp_path, **changes)[2]
-    assert any(said in one for one in found), found
+    looked, made, found = changed(robot, tmp_path, **changes)
+    assert any(said in one for one in found) and len(found) <= 5 and looked < made, found
+
+
+WHOLE = {  # what is looked at whole, of however many claims
+    "cells": ("line", "cells cover the axes: axis 0", lambda told, arrays: told["cells"].update(widths=["99/1000"])),
+    "sets": (
+        "line",
+        "sets grow with the steps to go: start 0",
+        lambda told, arrays: arrays["index"][2:3].__setitem__(0, arrays["index"][0]),
+    ),
+    "predictions": (
+        "spread",
+        "predictions are as near as stated: input 0",
+        lambda told, arrays: told["proof"].update(unsure=[0.05]),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_what_needs_whole_arrays_is_looked_at_whole(name, few, tmp_path):
+    robot, said, change = WHOLE[name]
+    told, arrays = parts_of(robot, tmp_path)
+    change(told, arrays)
+    looked, made, found = sampled.looked_over(told, arrays, None)
+    assert looked == 0 < made and any(said in one for one in found), found
 
 
 def test_a_solve_returns_no_table_of_which_a_claim_is_false(monkeypatch):
