@@ -713,6 +713,9 @@ FORGERIES: dict[str, Forgery] = {
         "standing", "close where the axes", becomes=lambda: standing(periodic=True)
     ),
     "a layer of cells that move alike": Forgery("standing", COVER, lambda told, arrays: no_place(told, arrays)),
+    "moves of the slowest, said to be those of all": Forgery(
+        "cart", MOVES, both(nothing_in_sets, lambda told, arrays: no_place(told, arrays))
+    ),
     "coasting that stays on the layer": Forgery(
         "standing", MOVES, both(shifts("low", -1, j=1, axis=1), shifts("high", -1, j=1, axis=1))
     ),

@@ -18,6 +18,15 @@ def read(name, folder):
         return Argument(told, arrays)
 
 
+@pytest.mark.parametrize("ends", [(-4.0, 1.0), (-1.0, 4.0), (3.0, 4.0)])
+def test_what_counts_as_near_is_a_share_of_the_largest_coordinate(ends, tmp_path):
+    (tmp_path / "table.npz").write_bytes(file_of("line"))
+    with head_and_arrays(tmp_path / "table.npz") as (told, arrays):
+        told["grid"].update(lower=[ends[0]], upper=[ends[1]])
+        sets = Argument(told, arrays)
+    assert sets.scale == 4.0 and sets.near == 4e-10 and sets.room == pytest.approx(1e-6 * (ends[1] - ends[0]) / 80)
+
+
 @pytest.mark.parametrize("slab", [1, 3, 1 << 15])
 def test_boxes_are_halved_until_all_is_known(slab, rng, monkeypatch):
     """A property that is told of boxes of a side of 1/4 at most, and fails on disks: those that meet one fail."""

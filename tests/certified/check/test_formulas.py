@@ -17,9 +17,9 @@ LOOKUP = "gridded 0 0 1 lower 0x0p+0 -0x1p+0 spacing 0x1p-1 0x1p-2"
 
 
 def tables(number, axes):
-    if number:
+    if number == 1:
         raise KeyError(f"tables/{number}")
-    return np.arange(3.0**axes).reshape((3,) * axes)
+    return np.zeros((1,) * axes) if number else np.arange(3.0**axes).reshape((3,) * axes)
 
 
 def formula(lines, coordinates=2, parameters=1):
@@ -56,6 +56,22 @@ def test_the_numbers_0_and_1_are_truth_values():
         formula(["x 0", "const 0x1.0p+1", "less 0 1", "or 1 2", "return 3"], 1)
 
 
+def test_the_least_of_several_is_taken_apart_and_nothing_else():
+    lines = ["x 0", "x 1", "p 0", "max 0 1", "min 3 2", "abs 1", "min 4 5", "min 6 4", "return 7 0"]
+    assert {one.results for one in formula(lines).least_of} == {(2,), (3,), (5,)}
+
+
+@pytest.mark.parametrize("many", [4, 5])
+def test_few_jumps_are_taken_apart(many):
+    lines = ["x 0", "const 0x1p+0", *(f"mod {0 if k == 0 else k + 1} 1" for k in range(many)), f"return {many + 1}"]
+    assert len(formula(lines).jumps) == (4 if many == 4 else 0)
+
+
+def test_an_unknown_number_is_a_truth_value():
+    low, high = formula(["const nan", "not 0", "return 1"]).bounds(np.zeros((1, 2)), np.ones((1, 2)), (0, 0))
+    assert np.isnan([low, high]).all()
+
+
 def test_a_square_of_one_value_is_one():
     low, _ = formula(["x 0", "mul 0 0", "sqrt 1", "return 1 2"]).bounds(-np.ones((1, 2)), np.ones((1, 2)), (0, 0))
     assert low.tolist() == [[0.0, 0.0]]
@@ -66,6 +82,26 @@ def test_parameters_are_numbers_or_one_for_each_box():
     half = np.array([1.0, 2.0])
     low, high = own.bounds(np.ones((2, 1)), np.ones((2, 1)), (0.0, 0.5), (-half, half))
     np.testing.assert_allclose([low[:, 0], high[:, 0]], [-half, half + 0.5], rtol=1e-14)
+
+
+@pytest.mark.parametrize(("boxes", "numbers"), [(3, 1 << 23), (1 << 13, 1), (1 << 13, 40)])
+def test_boxes_are_looked_at_in_turn(boxes, numbers, rng, monkeypatch):
+    """Each with its own parameters, on both sides of a jump."""
+    own = formula(["x 0", "p 1", "add 0 1", "p 0", "const 0x1p+0", "mod 2 4", "mul 5 3", "return 6 2"], 1, 2)
+    low, first, second = rng.uniform(-2, 2, (10, 1)), rng.uniform(1, 2, 10), rng.uniform(-3, -2, 10)
+    given = low, low + rng.uniform(0.0, 0.5, (10, 1)), (first, first + 0.5), (second, second + 0.1)
+    whole = own.bounds(*given)
+    most, asked = [], formulas.Formula.value
+    monkeypatch.setattr(formulas, "MOST_BOXES", boxes)
+    monkeypatch.setattr(formulas, "MOST_NUMBERS", numbers)
+    watch = lambda node, operands, low, *more: most.append(len(low)) or asked(node, operands, low, *more)  # noqa: E731
+    monkeypatch.setattr(formulas.Formula, "value", staticmethod(watch))
+    np.testing.assert_array_equal(own.bounds(*given), whole)
+    assert max(most) == min(boxes, max(numbers // 14, 1))
+    each = [
+        own.bounds(*(end[k : k + 1] for end in given[:2]), *((a[k], b[k]) for a, b in given[2:])) for k in range(10)
+    ]
+    np.testing.assert_array_equal(np.concatenate(each, axis=1), whole)
 
 
 def test_what_reads_no_coordinate_has_bounds_at_each_time():
@@ -173,6 +209,15 @@ REFUSED = {
     "no spacing": (["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x0p+0", "return 1"], "`spacing` above 0"),
     "endless": (["x 0", "gridded 0 0 lower inf spacing 0x1p+0", "return 1"], "`lower` must be finite"),
     "seven axes": (["x 0", f"gridded 0{' 0' * 7} lower{' 0x0p+0' * 7} spacing{' 0x1p+0' * 7}", "return 1"], "1 to 6"),
+    "spacing without an end": (["x 0", "gridded 0 0 lower 0x0p+0 spacing inf", "return 1"], "`spacing` above 0"),
+    "a word more": (["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0 0x1p+0", "return 1"], "gridded must have"),
+    "lower twice": (["x 0", "gridded 0 0 lower 0x0p+0 lower 0x1p+0", "return 1"], "gridded must have"),
+    "spacing twice": (["x 0", "gridded 0 0 spacing 0x0p+0 spacing 0x1p+0", "return 1"], "gridded must have"),
+    "a table of one node": (["x 0", "gridded 2 0 lower 0x0p+0 spacing 0x1p+0", "return 1"], "two nodes"),
+    "a small exponent": (["x 0", "power 0 -65", "return 1"], "from -64 to 64"),
+    "a choice of numbers": (["x 0", "less 0 0", "where 1 0 0", "not 2", "return 3"], "given truth values"),
+    "a number as a truth to take away": (["x 0", "less 0 0", "and 1 0", "return 2"], "given truth values"),
+    "several numbers of a coordinate": (["x 0 0", "return 0"], "followed by one number"),
     "lower too short": (["x 0", "gridded 0 0 0 lower 0x0p+0 spacing 0x1p+0 0x1p+0", "return 1"], "gridded must have"),
 }
 
