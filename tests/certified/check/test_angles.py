@@ -31,6 +31,7 @@ FUNCTIONS = {
     "bearing": lambda p, t: np.abs(np.arctan2(p[:, 1] - t, p[:, 0] - 0.1)) ** 2 - 0.3,
     "angle of an angle": lambda p, t: np.hypot(by_mod(np.arctan2(p[:, 1], p[:, 0]) - t), 0.2 * p[:, 0]) - 0.3,
     "both": lambda p, t: np.mod(p[:, 0], 0.7) * np.arctan2(p[:, 1], p[:, 0]) + np.mod(-p[:, 1] * t, 1.3),
+    "the middle of a lap": lambda p, t: np.abs(np.mod(p[:, 0], 0.5) - 0.25) + 0.0 * t,
     "other periods": lambda p, t: np.mod(p[:, 0], -0.7) + np.mod(p[:, 1], 2.0 + 0.1 * p[:, 0]),
 }
 

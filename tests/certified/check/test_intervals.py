@@ -152,24 +152,28 @@ def test_closed_forms():
     assert of("equal", (1, 1), (1, 1)).tolist() == [1, 1] and of("equal", (0, 1), (1, 2)).tolist() == [0, 1]
 
 
+def far_out(rng, part):
+    """Narrow boxes about whole numbers of turns, and a part of one: the two numbers next to it, and wider ones."""
+    turns = np.concatenate([rng.integers(-(10**n), 10**n, 200) for n in range(2, 13)]).tolist()
+    exact = [2 * Fraction(naive.pi(60)) * (k + Fraction(part)) for k in turns]
+    near = np.array(list(map(float, exact)))
+    beyond = np.array([Fraction(one) >= own for one, own in zip(near.tolist(), exact, strict=True)])
+    low, high = np.where(beyond, np.nextafter(near, -np.inf), near), np.where(beyond, near, np.nextafter(near, np.inf))
+    wider = np.spacing(np.abs(near)) * rng.choice([0.0, 0.0, 1.0, 8.0], (2, near.size))
+    return low - wider[0], high + wider[1]
+
+
 @pytest.mark.parametrize("name", ["sin", "cos"])
 def test_hills_far_out_are_met(name, rng):
-    """In narrow boxes about them and about valleys, where an angle is known to few digits of a turn."""
-    turns = np.concatenate([rng.integers(-(10**n), 10**n, 200) for n in range(2, 13)]).tolist()
-    for end, exact in ((1, 1.0), (0, -1.0)):
-        part = (0.25 if name == "sin" else 0.0) + (0.5 if exact < 0 else 0.0)
-        centre = np.array([float(2 * Fraction(naive.pi(60)) * (k + Fraction(part))) for k in turns])
-        half = np.spacing(np.abs(centre)) * rng.choice([1.0, 2.0, 8.0], centre.size)
-        assert (RULES[name][1]((centre - half, centre + half))[end] == exact).all()
+    """And valleys, where an angle is known to few digits of a turn."""
+    hill = 0.25 if name == "sin" else 0.0
+    for end, exact, part in ((1, 1.0, hill), (0, -1.0, hill + 0.5)):
+        assert (RULES[name][1](far_out(rng, part))[end] == exact).all()
 
 
 def test_poles_far_out_are_met(rng):
-    """Of a tangent, in narrow boxes that begin, or end, as near to a pole as an angle is known."""
-    turns = np.concatenate([rng.integers(-(10**n), 10**n, 100) for n in range(2, 13)]).tolist()
-    poles = np.array([float(Fraction(naive.pi(60)) * (k + Fraction(1, 2))) for k in turns])
-    near = np.spacing(np.abs(poles))
-    for low, high in ((poles - near, poles + near), (poles, poles + near), (poles - near, poles), (poles, poles)):
-        assert np.isnan(RULES["tan"][1]((low, high))).all()
+    for part in (0.25, 0.75):
+        assert np.isnan(RULES["tan"][1](far_out(rng, part))).all()
     for low, high in ((0.1, 1.5), (-1.5, 1.5), (1.6, 4.6)):
         found = RULES["tan"][1]((np.array(low), np.array(high)))
         np.testing.assert_allclose(found, np.tan([low, high]), rtol=1e-14)
