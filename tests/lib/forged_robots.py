@@ -682,6 +682,7 @@ FORGERIES: dict[str, Forgery] = {
     ),
     "an adversary that enters as it likes": Forgery("pushed", MOVES, shifts("low", 1)),
     "one measurement that errs": Forgery("sensed", MOVES, narrower(2, 2)),
+    "predictions that end as near as measurements": Forgery("spread", MOVES, both(nothing_in_sets, narrower(1, 1))),
     "no late end": Forgery(
         "sensed", MOVES, both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0))
     ),
