@@ -26,19 +26,54 @@ from sdhj.table.files import make_head
 
 
 def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
-    far = STILL | {"path": {"kind": "still", "centre": [20.0, 0.0]}}
-    fast = CIRCLE | {"path": CIRCLE["path"] | {"rate": 1000.0}}
-    for changes in (
-        {"obstacles": [far]},
-        {"obstacles": [fast]},
-        {"target": far},
-        {"u_max": 150.0},
-        {"lengths": [11.0, 1.0]},
-        {"lengths": [0.15, 0.0]},
+    def path(disk, **changes):
+        return disk | {"path": disk["path"] | changes}
+
+    def world(changes, sensing, axis, last):
+        scene = Scene(recipe | {"arguments": recipe["arguments"] | changes}, certain(**sensing))
+        return scene.world([np.linspace(-1, last if axis == own else 1, 9) for own in range(4)])
+
+    assert world({}, {}, 0, 9.9)
+    for number, fits, large in (
+        *(("obstacles", [own], [other]) for own, other in disks(path)),
+        ("target", path(STILL, centre=[0.0, 9.0]), path(STILL, centre=[0.0, 20.0])),
+        ("target", STILL | {"radius": 9.0}, STILL | {"radius": 11.0}),
+        ("u_max", 40.0, 150.0),
+        ("v_d_max", 40.0, 150.0),
+        ("v_p_max", 40.0, 150.0),
+        ("pursuer_radius", 9.0, 10.0),
+        ("half_width", 9.0, 10.0),
+        ("lengths", [9.0, 1.0], [11.0, 1.0]),
+        ("lengths", [1.0, 9.0], [1.0, 11.0]),
+        ("lengths", [0.15, 0.0011], [0.15, 0.0009]),
+        ("lengths", [0.0011, 0.15], [0.0009, 0.15]),
     ):
-        scene = Scene(recipe | {"arguments": recipe["arguments"] | changes}, certain())
+        assert world({number: fits}, {}, 0, 1)
         with pytest.raises(ValueError, match="bound on rounding"):
-            scene.world((np.linspace(-1, 1, 9),) * 4)
+            world({number: large}, {}, 0, 1)
+    for axis in range(4):
+        off = [11.0 if own == axis else 0.0 for own in range(4)]
+        for sensing, last in (({"error": off}, 1), ({}, 11)):
+            with pytest.raises(ValueError, match="bound on rounding"):
+                world({}, sensing, axis, last)
+    late = {"obstacles": [path(LINE, velocity=[45.0, 0.0])]}  # at 9.24 m after the two steps
+    assert world(late, {}, 0, 1)
+    for more in ({"steps": 3}, {"delta": 0.15}):
+        with pytest.raises(ValueError, match="bound on rounding"):
+            world(late | more, {}, 0, 1)
+
+
+def disks(path):
+    """Disks that fit, and ones beyond the bound."""
+    yield path(STILL, centre=[9.0, 0.0]), path(STILL, centre=[20.0, 0.0])
+    yield path(STILL, centre=[0.0, -9.0]), path(STILL, centre=[0.0, -20.0])
+    yield STILL | {"radius": 9.0}, STILL | {"radius": 10.0}
+    yield path(LINE, velocity=[0.0, 40.0]), path(LINE, velocity=[0.0, 60.0])
+    yield path(CIRCLE, radius=9.0), path(CIRCLE, radius=10.0)
+    yield path(CIRCLE, rate=400.0), path(CIRCLE, rate=1000.0)
+    yield path(CIRCLE, rate=-400.0), path(CIRCLE, rate=-1000.0)
+    yield path(CIRCLE, phase=90.0), path(CIRCLE, phase=101.0)
+    yield path(CIRCLE, phase=-90.0), path(CIRCLE, phase=-101.0)
 
 
 def other(disk, **path):
