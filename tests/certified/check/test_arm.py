@@ -322,6 +322,25 @@ def test_flags_and_cells_too_many_are_counted_and_named(name, monkeypatch, rng):
         assert named == rows[np.flatnonzero(failed[:, kind])[:5]].tolist()
 
 
+def test_nothing_is_proved_of_inputs_that_are_held_for_long(monkeypatch, rng):
+    """In five seconds the arm and the pursuer may be anywhere."""
+    monkeypatch.setattr(separation, "GRANTED", 5)
+    made, twin = arm("chased"), twin_of("chased")
+    long = made.scene.world(made.edges)._replace(held=5.0)
+    rows = rng.permutation(np.flatnonzero(np.any(twin.added(), axis=(0, 3, 4)).ravel()))[:8]
+    failed, _ = made.checked(rows, long, True)
+    flags = twin.allowed.reshape(-1, made.index.shape[1])[:, rows].sum()
+    assert failed[:, 2:].sum(axis=0).tolist() == [new_within(twin, n, rows) for n in (1, 2, 3)]
+    assert failed[:, 0].sum() == flags > 0
+    monkeypatch.setattr(made.scene, "world", lambda edges: long)
+    words = words_of("chased", "clear")
+    few = rng.permutation(np.argwhere(words.fields["clear"]))[:20]
+    words.fields["clear"][...] = False
+    words.fields["clear"][tuple(few.T)] = True
+    found = {one.name: one for one in claims_of_export(words, made, True)}["exported: clear"]
+    assert sum(int(text.split()[0]) for text in found.failures) == found.made == 20
+
+
 # ---- words of an export
 
 

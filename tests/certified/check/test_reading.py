@@ -76,6 +76,21 @@ def disks(path):
     yield path(CIRCLE, phase=-90.0), path(CIRCLE, phase=-101.0)
 
 
+@pytest.mark.parametrize("kinematics", ["relative", "printed"])
+def test_what_is_sensed_and_held_is_in_the_numbers_of_the_world(recipe, kinematics):
+    recipe["arguments"] |= {"kinematics": kinematics, "lengths": [0.1, 0.2], "target": STILL, "obstacles": [LINE]}
+    scene = Scene(recipe, certain(error=[0.01, 0.02, 0.03, 0.04], delay=0.05, jitter=0.015))
+    world = scene.world([np.linspace(-1, 1, 9)] * 4)
+    assert (world.held, world.late, world.begin, world.delta) == (0.13, 0.015, 0.05, 0.1)
+    np.testing.assert_allclose(world.off, np.array([0.01, 0.02, 0.03, 0.04]) + 0.05 * np.array([2.0, 2.0, 0.6, 0.6]))
+    assert world.arm.tolist() == ([0.1, 0.2, 1.0] if kinematics == "relative" else [0.1, 0.1 + 0.2, 0.0])
+    assert world.agent.tolist() == [0.6, 0.04 + 0.01] and world.chased and world.push == 2.0
+    assert world.disks.tolist() == [[0.24, -0.02, -0.6, 0.7, 0.0, 0.0, 0.0, 0.04 + 0.01]]
+    assert world.target.tolist() == [-0.22, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.06]
+    values = (-4.0, 0.0, 4.0)
+    assert world.inputs.tolist() == [[one, two] for one in values for two in values]
+
+
 def other(disk, **path):
     """A disk with another radius, or on another path."""
     return disk | {"path": disk["path"] | path} if path else disk | {"radius": disk["radius"] + 1e-3}

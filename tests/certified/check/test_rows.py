@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from types import SimpleNamespace
 
 import naive_certified as naive
 import numpy as np
@@ -11,8 +10,8 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 from parameters import but_slow
 
 import sdhj
-from sdhj.certified.check.arm import bits, rows
-from sdhj.certified.check.arm.claims import Arm, Scene
+from sdhj.certified.check.arm import bits, rows, separation
+from sdhj.certified.check.arm.claims import Scene
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 
@@ -47,6 +46,7 @@ def test_half_planes_count_what_predictions_are_off(j, arm_world, rng):
     """What `sweep` keeps is clear from cells of the pursuer that are wider by as much."""
     edges = [np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), np.linspace(-0.36, 0.36, 25), np.linspace(-0.36, 0.36, 31)]
     world, shape, counts = arm_world(edges, u_max=3.0, v_d_max=0.4, delta=0.1, v_p_max=0.2), (24, 30), []
+    world = world._replace(parts=np.full(9, 2))  # few, so that each is much of the interval
     for off in (0.0, 0.03):
         bench, bits = rows.bench_of(0, 0, world), naive.packed(np.ones(shape, np.bool_))
         bench.part[:4] = 0.3, 0.32, -0.4, -0.38
@@ -196,12 +196,16 @@ def test_flags_that_samples_refute_are_found(rng):
     assert 0.2 * allowed < wrong < 0.8 * allowed and allowed > 20
 
 
-def test_each_axis_of_the_agent_is_eroded_by_its_own_cells(rng):
-    """Of three cells along one and four along the other."""
-    along = {2: np.array([[0, 1], [1, 2], [2, 2]]), 3: np.array([[0, 0], [0, 1], [2, 3], [3, 3]])}
-    joints, block = np.zeros((1, 1, 1), int), rng.random((3, 4)) < 0.8
-    arm = SimpleNamespace(counts=np.array([1, 1, 3, 4]), scene=SimpleNamespace(inputs=lambda: [(0, 0)]))
-    arm.ends = lambda axis, _: along[axis][None] if axis in along else joints
-    arm.index, arm.pool, arm.pairs, arm.allowed = joints[0], naive.packed(block[None]), None, None
-    eroded = naive.unpacked(Arm.stored(arm, np.array([0])).eroded, (3, 4))[0]
-    assert eroded.tolist() == [[block[np.ix_(x, y)].all() for y in along[3]] for x in along[2]] and eroded.any()
+def test_steps_are_later_where_the_first_one_is(monkeypatch, rng):
+    """Flags and goals of the first step are those of a later one, where intervals begin as much later."""
+    monkeypatch.setattr(separation, "GRANTED", 20)
+    twin, found = Twin(False, rng), []
+    for begin, start in ((0.0, 0), (0.0, 1), (twin.world.delta, 0)):
+        world, allowed = twin.world._replace(begin=begin), np.zeros((2, 9, 3, 3), bool)
+        allowed[start, ::2] = True
+        stored, todo = twin.stored._replace(allowed=allowed), np.zeros((6, 1), np.uint64)
+        todo[naive.place_of(2, start, 0)] = 2**36 - 1
+        rows.check_goals(world, stored, rows.bench_of(0, 1, world), todo)
+        found.append((rows.check_flags(0, 0, world, stored)[0], todo.sum()))
+    at_once, second, later = found
+    assert later == second and at_once[0] != later[0] and at_once[1] != later[1], found
