@@ -1088,7 +1088,7 @@ def between():
 
 
 ROBOTS |= {"parked": (parked, (20, 20), 1), "veering": (veering, (20, 20), 1), "between": (between, (20, 20), 1)}
-ROBOTS |= {"swell": (lambda: swell(1.0), (120,), 1), "ebb": (lambda: swell(-1.0), (120,), 1)}
+ROBOTS |= {"swell": (lambda: swell(1.0), (120,), 3), "ebb": (lambda: swell(-1.0), (120,), 3)}
 ROBOTS |= {"gusts on the left": (lambda: sheltered(-0.5, 0.0), (40, 20), 1)}
 ROBOTS |= {"gusts on the right": (lambda: sheltered(0.0, 0.5), (40, 20), 1)}
 

@@ -1,6 +1,7 @@
 """The look at its own claims with which a solve ends: at all of few, at a sample of many; what is false is no table."""
 
 import itertools
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,11 +16,11 @@ from sdhj.certified.check import sampled
 from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.arm import claims, drawn
 from sdhj.certified.check.arm.claims import Arm, cells_added
-from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER
+from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER, Claim
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.certified.general_proof import GeneralProof
 
-MANY = ("line", "crossed", "ring", "standing", "stream", "tide", "noisy", "pursued", "endless")
+MANY = ("line", "drifting", "ring", "standing", "stream", "tide", "spread and remembered", "pursued", "endless")
 
 
 @pytest.fixture
@@ -43,7 +44,7 @@ def test_of_many_a_sample_is_looked_at_and_counted(name, few):
     assert 0 < looked <= made == sum(claim.made for claim in table.verify(progress=False).claims)
 
 
-@pytest.mark.parametrize("name", ["crossed", "standing", "tide", "stream"])
+@pytest.mark.parametrize("name", ["crossed", "standing", "tide", "stream", "spread"])
 def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch, tmp_path):
     solved(name).save(tmp_path / "table.npz")
     with head_and_arrays(tmp_path / "table.npz") as (told, arrays):
@@ -65,7 +66,8 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
     monkeypatch.setattr(sampled, "some_cells", draw)
     arrays = {one: arrays.array(one) for one in arrays.stated}
     looked, _, wrong = sampled.looked_over(told, arrays, None)
-    assert not wrong and looked == len(sets.counts) + len(sets.pairs) + sum(counts) + sum(map(len, drawn.values()))
+    whole = len(sets.counts) + len(sets.pairs) + sets.problem.count * (name == "spread")
+    assert not wrong and looked == whole + sum(counts) + sum(map(len, drawn.values()))
     promised = {step for step, within in sets.pairs if within and sets.promised(step).any()}
     assert {j for _, j in asked} == {*range(sets.problem.count)} and {step for step, _ in asked} == promised
     assert drawn.keys() == {*sets.pairs}
@@ -118,6 +120,13 @@ def test_what_is_false_is_named(name, few, tmp_path):
     robot, said, changes = FALSE[name]
     looked, made, found = changed(robot, tmp_path, **changes)
     assert any(said in one for one in found) and len(found) <= 5 and looked < made, found
+    assert all(re.search(r"within [1-3]$", one) for one in found if NEARER in one)
+
+
+def test_what_is_told_of_a_look_is_counted_and_named():
+    claims = Claim("moves", 9, 8, [f"place {at}" for at in range(7)], 70), Claim("clear", 5, 5, [])
+    assert sampled.counted(claims) == (13, 14, [f"moves: place {at}" for at in range(5)])
+    assert sampled.named(1, 7, np.array([2, 5])) == "step 1, cell (1, 2)"
 
 
 WHOLE = {  # what is looked at whole, of however many claims
