@@ -1193,6 +1193,12 @@ FORGERIES |= {
     "own as numbers": Forgery("growing", "axes of a place", whole("proof own", [1])),
     "own as text": Forgery("growing", "axes of a place", whole("proof own", ["false"])),
     "an empty image beside a layer": Forgery("standing", "lead to some cell", empty_images),
+    "no sets at all": Forgery(
+        "line", "there must be sets", lambda told, arrays: put(arrays, index=arrays["index"][()][:0])
+    ),
+    "a block of no set": Forgery(
+        "line", "pool must be kept", lambda told, arrays: put(arrays, pool=np.tile(arrays["pool"][()], (2, 1)))
+    ),
     "an entry less": Forgery("crossed", "sets for each step", fewer_rows),
     "sets of a step that is none": Forgery("cart", "sets for each step", fewer_rows),
     "sets alike while the target moves": Forgery("drifting", "sets for each step", alike),

@@ -44,7 +44,15 @@ def test_of_many_a_sample_is_looked_at_and_counted(name, few):
     assert 0 < looked <= made == sum(claim.made for claim in table.verify(progress=False).claims)
 
 
-@pytest.mark.parametrize("name", ["crossed", "standing", "tide", "stream", "spread"])
+def test_claims_are_counted_where_later_steps_promise_more(tmp_path):
+    told, arrays = parts_of("crossed", tmp_path)
+    arrays["index"][:4] = arrays["index"][9]
+    sets = Argument(told, sampled.InMemory(arrays))
+    assert sets.promised(0).sum() < sets.promised(None).sum()
+    assert sampled.claims_made(sets) == sum(claim.made for claim in sets.claims())
+
+
+@pytest.mark.parametrize("name", ["crossed", "standing", "tide", "out to the left", "spread"])
 def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch, tmp_path):
     solved(name).save(tmp_path / "table.npz")
     with head_and_arrays(tmp_path / "table.npz") as (told, arrays):
@@ -62,6 +70,7 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
         drawn[step, within] = whole_draw(sets, step, within, *given)
         return drawn[step, within]
 
+    monkeypatch.setattr(sampled, "ROWS", 2)
     monkeypatch.setattr(sampled, "of_an_input", look)
     monkeypatch.setattr(sampled, "some_cells", draw)
     arrays = {one: arrays.array(one) for one in arrays.stated}
@@ -80,6 +89,30 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
         for k, end in itertools.product(range(len(sets.counts)), (0, 1)):
             there = end * (sets.counts[k] - 1)
             assert (own[k] == there).any() == (every[k] == there).any(), (pair, k, end)
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "within"), [("standing", 0, 20), ("cart", 0, 3), ("plane", 0, 3), ("ring", 0, 2)]
+)
+@pytest.mark.parametrize("most", [60, 100])
+def test_half_of_a_sample_is_at_the_rim_of_its_set(name, step, within, most, tmp_path, rng):
+    """Of what the set of a step less has not; beside an end there is no rim, and beside a seam what is behind it."""
+    told, arrays = parts_of(name, tmp_path)
+    sets = Argument(told, sampled.InMemory(arrays))
+    inside = sets.bits(step, within).reshape(sets.counts)
+    new = inside & ~sets.bits(step, within - 1).reshape(sets.counts) if sets.problem.target is not None else inside
+    rim = np.zeros_like(new)
+    for k, closes in enumerate(sets.problem.periodic):
+        for way in (-1, 1):
+            beside = np.roll(inside, way, axis=k)
+            if not closes:
+                end = np.arange(sets.counts[k]) == (0 if way > 0 else sets.counts[k] - 1)
+                beside |= end.reshape([-1 if axis == k else 1 for axis in range(new.ndim)])
+            rim |= new & ~beside
+    found = sampled.some_cells(sets, step, within, most, np.any(sets.pool, axis=1), rng)
+    at_rim = rim.ravel()[found]
+    assert len({*found.tolist()}) == found.size <= most and new.ravel()[found].all()
+    assert at_rim.sum() >= min(rim.sum(), most // 2) and (~at_rim).sum() >= min((new & ~rim).sum(), most // 4)
 
 
 def parts_of(name, folder):
