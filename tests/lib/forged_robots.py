@@ -233,6 +233,12 @@ def pole():
     return line(unsafe=[part])
 
 
+def hump():
+    """dx = 1 - x^2 / 4: nearly still at both ends, and fastest in between."""
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u: u + 1.0 - 0.25 * q * q)
+    return zoo.line(grid=sdhj.Grid([-2.0], [2.0], [41]), dynamics=dynamics, delta=0.2, steps=1)
+
+
 def surge():
     """dx = 9.9 t + u: by 0.792 in 0.4 s."""
     dynamics = sdhj.Dynamics([[0.0]], lambda q, u, t: u + 9.9 * t + 0.0 * q)
@@ -383,6 +389,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1, memory=False)), (80,), 1),
     "drone": (drone, (80,), 1),
     "sliding": (sliding, (40, 4), 2),
+    "hump": (hump, (40,), 1),
     "surge": (surge, (120,), 2),
     "spread": (spread, (200,), 1),
     "spread and remembered": (
@@ -612,9 +619,9 @@ def unlike_ends(told: Told, arrays: Any) -> None:
     told["cells"]["extents"] = [["6283/1000", told["cells"]["extents"][0][1]]]
 
 
-def one_place(told: Told, arrays: Any) -> None:
+def one_place(told: Told, arrays: Any, place: int = 60) -> None:
     told["proof"]["own"] = [False]
-    put(arrays, **{name: arrays[name][()][:, :, 60:61] for name in ("low", "high")})
+    put(arrays, **{name: arrays[name][()][:, :, place : place + 1] for name in ("low", "high")})
 
 
 def as_in_the_middle(told: Told, arrays: Any) -> None:
@@ -714,6 +721,9 @@ FORGERIES: dict[str, Forgery] = {
         "standing", "close where the axes", becomes=lambda: standing(periodic=True)
     ),
     "a layer of cells that move alike": Forgery("standing", COVER, lambda told, arrays: no_place(told, arrays)),
+    "moves of both ends, said to be those of all": Forgery(
+        "hump", MOVES, both(nothing_in_sets, lambda told, arrays: one_place(told, arrays, 0))
+    ),
     "moves of the slowest, said to be those of all": Forgery(
         "cart", MOVES, both(nothing_in_sets, lambda told, arrays: no_place(told, arrays))
     ),
@@ -1237,6 +1247,12 @@ FORGERIES |= {
     "layers that are cells": Forgery("standing", COVER, no_layers),
     "unsure of what is measured exactly": Forgery("line", "without a delay", whole("proof unsure", [0.1])),
     "unsure of more than errors": Forgery("calming", "without a delay", whole("proof unsure", [0.2])),
+    "unsure of less than the error on one axis": Forgery(
+        "noisy", "predictions are off by", whole("proof unsure", [0.02, 0.01])
+    ),
+    "unsure of more than the error on one axis": Forgery(
+        "noisy", "without a delay", whole("proof unsure", [0.02, 0.2])
+    ),
     "unsure of less than errors": Forgery("remembered", "predictions are off by", whole("proof unsure", [0.05])),
     "a field of the grid": Forgery("line", "no unknown field", whole("grid offset", [0.0])),
     "a field of the cells": Forgery("line", "no unknown field", whole("cells first", [0])),

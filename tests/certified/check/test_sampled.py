@@ -13,7 +13,7 @@ from parameters import but_slow
 
 import sdhj
 from sdhj.certified.check import sampled
-from sdhj.certified.check.argument import Argument
+from sdhj.certified.check.argument import Argument, marked
 from sdhj.certified.check.arm import claims, drawn
 from sdhj.certified.check.arm.claims import Arm, cells_added
 from sdhj.certified.check.claims import ARRIVE, CLEAR, GOALS, MOVES, NEARER, Claim
@@ -64,6 +64,10 @@ def test_every_input_step_seam_wall_and_end_is_among_them(name, few, monkeypatch
         asked.append((step, j))
         count, wrong = whole_look(sets, step, j, numbers)
         counts.append(count)
+        cells, said = np.array(np.unravel_index(numbers, sets.counts)), [(one.own, one.bits) for one in sets.clear]
+        said += [(sets.sites > 0, sets.arrives)] * (len(sets.arrives) > 0)
+        each = [marked(bits, step, j, np.unique(sets.strides_of(axes) @ cells)).sum() for axes, bits in said]
+        assert count == len({*(sets.strides @ cells).tolist()}) + sum(each)
         return count, wrong
 
     def draw(sets, step, within, *given):
