@@ -37,6 +37,12 @@ def line(*, push=0.2, posts=(-3.0, 3.0), wide=0.05, target=0.0, ends="unsafe", u
     return zoo.line(push=push, **usual | given)
 
 
+def eight():
+    """The line, with as many inputs as a byte has bits."""
+    speeds = np.linspace(-1.0, 1.0, 8)[:, None]
+    return line(dynamics=sdhj.Dynamics(speeds, lambda q, u: u + 0.0 * q, [[1.0]], [0.2]))
+
+
 def two_in_one():
     """The line, whose posts are one set."""
     posts = sdhj.UnsafeSet(
@@ -353,6 +359,7 @@ def turned_by_gusts():
 
 ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the problem, cells, parts
     "line": (line, (80,), 1),
+    "eight": (eight, (40,), 1),
     "two posts in one": (two_in_one, (80,), 1),
     "forbidden": (forbidden, (80,), 1),
     "crossed": (crossed, (80,), 2),
@@ -758,6 +765,7 @@ FORGERIES: dict[str, Forgery] = {
     # which inputs are clear
     "a post not met at the end": Forgery("line", CLEAR, clears(0, 12)),
     "the far half of a tube": Forgery("line", CLEAR, clears(2, 5)),
+    "the last of eight inputs": Forgery("eight", CLEAR, clears(7, 2)),
     "the second post": Forgery("line", CLEAR, clears(1, 69)),
     "an input where it is forbidden": Forgery("forbidden", CLEAR, clears(2, 18)),
     "a set that is closed": Forgery("line", CLEAR, level("unsafe 0", "const 0x0p+0")),
@@ -1281,6 +1289,7 @@ FORGERIES |= {
     "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
     "a set less": Forgery("line", EVERY, of_clear(sets=[1])),
     "an end less": Forgery("line", EVERY, of_clear(ends=[])),
+    "an axis that is unsafe at one end less": Forgery("standing unsafely", EVERY, of_clear(ends=[0])),
     "an end of another axis": Forgery("line", "ends that inputs are", of_clear(ends=[1])),
     "a set that is none": Forgery("line", "sets that inputs are", of_clear(sets=[0, 1, 2])),
     "an axis twice": Forgery("line", "axes that clear inputs", of_clear(axes=[0, 0])),
