@@ -761,6 +761,9 @@ FORGERIES: dict[str, Forgery] = {
     "predictions pushed as where they come from": Forgery("rapids", NEAR, off_by(0.2)),
     "predictions pushed one way": Forgery("late", NEAR, off_by(0.065)),
     "predictions for the first input": Forgery("gusty", NEAR, off_by(0.068)),
+    "predictions from one end, said to be those of all": Forgery(
+        "spread", NEAR, lambda told, arrays: one_place(told, arrays, 0)
+    ),
     "predictions for the first step": Forgery("gusty", NEAR, off_by(0.0735)),
     # which inputs are clear
     "a post not met at the end": Forgery("line", CLEAR, clears(0, 12)),
@@ -1286,6 +1289,7 @@ FORGERIES |= {
     "gusts on too few axes": Forgery("veering", DEPENDS, on_axes(([1], [], [1]))),
     "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
     "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
+    "a second wall on the axis of the first": Forgery("between", DEPENDS, of_clear(sets=[0, 1])),
     "ends on too few axes": Forgery("cart", DEPENDS, on_axes(([1], [], [0, 1]))),
     "a set less": Forgery("line", EVERY, of_clear(sets=[1])),
     "an end less": Forgery("line", EVERY, of_clear(ends=[])),

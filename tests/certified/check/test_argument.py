@@ -179,3 +179,15 @@ def test_functions_are_asked_about_boxes_on_the_grid(axes, tmp_path, rng):
         along = np.clip(box[x], -1.0, 1.0) if x is not None else (0.0, 0.0)
         np.testing.assert_allclose(least, [along[0] + 2 * lower, -upper], atol=1e-9)
         np.testing.assert_allclose(most, [along[1] + 2 * upper, -lower], atol=1e-9)
+
+
+@pytest.mark.parametrize("layers", [[1, 1], [1, 0], [0, 1], [0, 0]])
+@pytest.mark.parametrize("memory", [True, False])
+def test_who_remembers_knows_of_a_layer_that_he_is_in_it(layers, memory, tmp_path):
+    """And of no other cell, also not of the first and the last where there is no layer."""
+    sets = read("noisy", tmp_path)
+    assert sets.known.tolist() == [False, True] and sets.counts[1] == 12
+    sets.layers, sets.problem.memory = [[0, 0], layers], memory
+    found = sets.off_at(np.arange(12))
+    inside = [memory and ((layers[0] and k == 0) or (layers[1] and k == 11)) for k in range(12)]
+    assert found[1].tolist() == [0.0 if one else sets.off[1] for one in inside] and (found[0] == sets.off[0]).all()
