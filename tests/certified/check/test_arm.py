@@ -258,6 +258,15 @@ def test_some_rows_are_checked_by_what_they_lead_to_alone(name, monkeypatch, rng
     assert all(one.checked < one.made for one in found[2:])
 
 
+def test_an_arm_stands_still_where_neither_its_target_nor_an_obstacle_moves(monkeypatch):
+    monkeypatch.setattr(arm_claims, "expect_recipe", lambda *_: None)
+    for moving in ({"target", "unsafe 0"}, {"target"}, {"unsafe 0"}, set()):
+        head, arrays = parts_of("chased")
+        for name in {"target", "unsafe 0"} - moving:
+            head["formulas"]["functions"][name]["lines"] = ["const 0x1.0p+0", "return 0"]
+        assert arm_of(head, arrays).still == (not moving)
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_memory_for_three_copies_and_all_flags_is_asked_for(name):
     with head_and_arrays(file_of(name)) as (_, arrays):
@@ -295,6 +304,7 @@ def lies_of(name):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_flags_and_cells_too_many_are_counted_and_named(name, monkeypatch, rng):
+    monkeypatch.setattr(arm_claims, "ROWS_AT_ONCE", 9)
     monkeypatch.setattr(separation, "GRANTED", 20)  # what is true needs fewer, and no number proves what is false
     (twin, flags, cells), (head, arrays), kept = lies_of(name), parts_of(name), []
     arm = arm_of(head, twin.into(arrays))
@@ -398,10 +408,29 @@ def test_every_word_of_an_export_is_proved_and_counted(name, tmp_path):
         assert np.array_equal(np.minimum(own, twin.steps - start + 1), twin.fewest(start))
 
 
+def test_an_input_is_proved_in_whatever_field_it_is():
+    """Each input of each cell stands in one of the fields alone."""
+    twin, words = twin_of("fleeing"), words_of("fleeing")
+    for number, kind in enumerate(KINDS[1:]):
+        own = words.fields[kind]
+        own &= np.add.outer(np.arange(len(own)), np.arange(own.shape[1])) % 3 == number
+    assert all(marked(words, kind, twin.shape).sum() > 99 for kind in KINDS[1:])
+    words.fields["select"] = np.full_like(words.fields["select"], NO_INPUT)
+    assert refused("fleeing", words) == {}
+
+
 def false_inputs(twin, words, kind, rng):
     """Inputs (start, *cell, j) that words of a kind do not claim and that are surely false, some for each reason."""
     steps, claimed = words.fields["steps"].reshape(words.starts, *twin.shape), marked(words, kind, twin.shape)
-    found = {"last step": [], "no set": [], "obstacle": [], "next set": [], "fewer steps": [], "agent": []}
+    found = {
+        "last step": [],
+        "no set": [],
+        "obstacle": [],
+        "later obstacle": [],
+        "next set": [],
+        "fewer steps": [],
+        "agent": [],
+    }
     for start, *cell, j in rng.permutation(np.argwhere(~claimed))[:1200].tolist():
         left, go = twin.steps - start, steps[start, *cell]
         if left == 0:
@@ -409,7 +438,7 @@ def false_inputs(twin, words, kind, rng):
         elif kind in ("select", "safe") and go == UNPROVED:
             why = "no set"
         elif not twin.allowed[start, j, *cell[:2]]:
-            why = "obstacle"
+            why = "later obstacle" if twin.allowed[0, j, *cell[:2]] else "obstacle"
         elif kind != "clear" and not twin.reaches(cell, j, start, left):
             why = "next set"
         elif kind in ("select", "safe") and not twin.reaches(cell, j, start, max(go, 1)):
@@ -426,6 +455,7 @@ def false_inputs(twin, words, kind, rng):
 @pytest.mark.parametrize("name", ARMS)
 def test_every_input_too_many_of_an_export_is_counted(name, monkeypatch, rng):
     """Many lead into sets that are larger than they may be, which are believed here: but from there the arm touches."""
+    monkeypatch.setattr(arm_claims, "ROWS_AT_ONCE", 9)
     monkeypatch.setattr(separation, "GRANTED", 20)
     (head, arrays), words, lies = parts_of(name), words_of(name), {}
     twin = Twin(head, arrays)
@@ -438,7 +468,7 @@ def test_every_input_too_many_of_an_export_is_counted(name, monkeypatch, rng):
     before = {kind: marked(words, kind, twin.shape).sum(axis=(0, 3, 4, 5)).ravel() for kind in KINDS}
     for kind in KINDS:
         found = false_inputs(twin, words, kind, rng)
-        never = {"last step", "agent"} if name == "fleeing" else set()
+        never = {"last step", "later obstacle", "agent"} if name == "fleeing" else set()
         never |= {"filter": {"no set", "fewer steps"}, "clear": {"no set", "next set", "fewer steps"}}.get(kind, set())
         assert {why for why, own in found.items() if len(own) < 4} == never, kind
         lies[kind] = [*itertools.chain(*found.values())]
@@ -574,6 +604,12 @@ def test_numbers_that_make_no_sense_are_refused(name, value):
     head["recipe"]["arguments"][name] = value
     with pytest.raises((ValueError, LookupError, TypeError)):
         arm_of(head, arrays)
+
+
+def past_the_last(pool):
+    """The last block has a cell more than there are."""
+    pool[-1, -1] |= np.uint64(2)
+    return pool
 
 
 SENSELESS = {  # what is read after the recipe, and what is said of it

@@ -220,6 +220,35 @@ def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
         assert listed == [m for m in range(n) if any(begin < (m + 1) * width + t and m * width + t < end for t in laps)]
 
 
+@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("memory", [False, True])
+def test_image_lists_are_of_what_overlaps(axis, memory, recipe):
+    """To both sides, past the last cell, which is half as wide, once around, and by just a cell.
+
+    A point that is carried on moves as the state does; what is predicted of a measurement is twice E off.
+    """
+    recipe["arguments"]["target"] = STILL
+    scene = Scene(recipe, certain(error=[0.02, 0.0, 0.01, 0.0], jitter=0.01, memory=memory))
+    size, off = (2 * PI[1] if axis == 0 else 2 * scene.box), 0 if memory else Fraction(4 - axis, 100)
+    spans = Fraction(8, 100), Fraction(12, 100)
+    for n, part in ((23, Fraction(45, 2)), (24, 24)):
+        width = size / part
+        file = SimpleNamespace(scene=scene, counts=(n,) * 4, axes=[(0, width, size, size)] * 4)
+        by_a_cell = (width + off) / spans[1]
+        pairs = [(Fraction(-17, 10), Fraction(23, 10)), (-by_a_cell, by_a_cell)]
+        pairs += [(Fraction(9, 10), Fraction(23, 10)), (Fraction(-23, 10), Fraction(-9, 10)), (70, 75), (-75, -70)]
+        for slow, fast in pairs if axis == 0 else pairs[:2]:
+            low = min(slow * span for span in spans) - off
+            high = max(fast * span for span in spans) + off
+            laps = [lap * size for lap in range(-3, 4)] if axis == 0 else [0]
+            ends = [(m * width, min((m + 1) * width, size)) for m in range(n)]
+            expected = [
+                [m for m, (a, b) in enumerate(ends) if any(begin + low + t < b and a < end + high + t for t in laps)]
+                for begin, end in ends
+            ]
+            assert overlapped(axis, file, slow, fast) == expected
+
+
 def test_edges_are_the_floats_nearest_to_fractions(rng):
     for _ in range(200):
         below, powers, numbers = rng.integers(1, 10**9, 3).tolist(), rng.integers(1, 30, 3).tolist(), range(2, 90)

@@ -142,6 +142,14 @@ class Twin:
         return all(self.cells[(place, *end)] for end in itertools.product(*ends))
 
 
+def test_a_row_has_its_bounds_and_all_that_a_disturbance_may_add(arm_world):
+    world = arm_world([np.linspace(-1, 1, n) for n in (4, 5, 6, 7)], v_d_max=0.4)
+    part = rows.bench_of(1, 2, world).part
+    assert part.tolist() == [*world.q1[1:3], *world.q2[2:4], *[0.0] * 6, -0.4, 0.4, -0.4, 0.4]
+    rows.agent_cell(2 * 6 + 3, 0.1, world, part)
+    assert part[4:10].tolist() == [*world.x[2:4], *world.y[3:5], 0.0, 0.1]
+
+
 @pytest.mark.parametrize("evader", but_slow([False, True], False))
 def test_nothing_that_samples_refute_is_proved(evader, rng):
     """A row's claims about random sets: where samples refute a cell it is not proved, and few others are left."""
