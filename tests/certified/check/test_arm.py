@@ -627,10 +627,7 @@ SENSELESS = {  # what is read after the recipe, and what is said of it
     "a block beyond the pool": (replaced("pool", lambda old: old[:-1]), "pool must be kept"),
     "a block of nobody": (replaced("pool", lambda old: np.append(old, old[:1], axis=0)), "pool must be kept"),
     "wider blocks": (replaced("pool", lambda old: np.append(old, old, axis=1)), "pool must be kept"),
-    "a cell past the last one": (
-        replaced("pool", lambda old: old | np.array([0, 2], np.uint64)),
-        "no cells that there are not",
-    ),
+    "a cell past the last one": (replaced("pool", past_the_last), "no cells that there are not"),
     "flags too few": (replaced("allowed", lambda old: old[:-1]), "allowed must be kept"),
     "flags too many": (replaced("allowed", lambda old: np.append(old, old[:1])), "allowed must be kept"),
     "jitter at a target that moves": (lambda told, arrays: told["sensing"].update(jitter=0.01), "at rest"),
