@@ -1103,8 +1103,11 @@ def swell(way):
 
 
 def between():
-    """In the plane between two walls, one along each axis: which inputs are clear is told for each wall alone."""
-    walls = [sdhj.UnsafeSet((axis,), lambda p, t: 1.5 - np.abs(p[:, 0]), name=f"wall {axis}") for axis in (0, 1)]
+    """In the plane between walls, some of which move: which inputs are clear is told for those of each axis alone."""
+    walls = [
+        sdhj.UnsafeSet((axis,), lambda p, t, pace=0.01 * axis: 1.5 + pace * t - np.abs(p[:, 0]), name=f"wall {axis}")
+        for axis in (0, 1)
+    ]
     return replace(plane(), unsafe=walls)
 
 
@@ -1287,6 +1290,7 @@ FORGERIES |= {
     "inputs that are clear of the first wall alone": Forgery("between", NEARER, never_clear_of_the_last),
     "a cart on too few axes for its other inputs": Forgery("parked", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
     "gusts on too few axes": Forgery("veering", DEPENDS, on_axes(([1], [], [1]))),
+    "beside what is above, from where nothing has left": Forgery("lane", CLEAR, clears(0, 193)),
     "a lane on too few axes": Forgery("lane", DEPENDS, on_axes(([1], [0], []))),
     "a post on too few axes": Forgery("plane", DEPENDS, on_axes(([0], [0], [0]), ([1], [], [1]))),
     "a second wall on the axis of the first": Forgery("between", DEPENDS, of_clear(sets=[0, 1])),

@@ -191,3 +191,35 @@ def test_who_remembers_knows_of_a_layer_that_he_is_in_it(layers, memory, tmp_pat
     found = sets.off_at(np.arange(12))
     inside = [memory and ((layers[0] and k == 0) or (layers[1] and k == 11)) for k in range(12)]
     assert found[1].tolist() == [0.0 if one else sets.off[1] for one in inside] and (found[0] == sets.off[0]).all()
+
+
+def test_cells_of_large_sets_are_counted(tmp_path):
+    """More than two bytes count."""
+    sets = read("cart", tmp_path)
+    sets.counts = np.array([200, 200])
+    sums = sets.sums(np.ones(40_000, np.bool_))
+    assert sums[-1, -1] == 40_000 and sums[100, 3] == 300 and not sums[0].any()
+    assert sets.all_in(sums, np.array([[0], [-5]]), np.array([[200], [250]])).all()
+
+
+@pytest.mark.parametrize("name", ["cart", "crossed", "line", "endless"])
+def test_cells_are_promised_that_some_set_has(name, tmp_path):
+    """Those with the most steps to go, without a target with the fewest."""
+    sets = read(name, tmp_path)
+    largest = [sets.bits(k, 1 if name in ("cart", "endless") else 3 - k) for k in range(3)]
+    assert all((sets.promised(k).ravel() == own).all() for k, own in enumerate(largest))
+    assert (sets.promised(None).ravel() == np.any(largest, axis=0)).all() and 0 < largest[0].sum() < largest[0].size
+
+
+@pytest.mark.parametrize("safe", [(True, False), (False, True), (True, True), (False, False)])
+def test_who_has_left_by_a_cell_over_a_safe_end_is_in_no_need_of_a_set(safe, tmp_path):
+    sets = read("stream", tmp_path)
+    sets.safe = np.array([safe, (False, False)])
+    numbers = np.arange(100)
+    for j, way in enumerate((-3, 3)):
+        found = sets.leads(numbers, 0 * numbers, 0, j, lambda first, past, into: np.zeros(first.shape[1], np.bool_))
+        cells = np.arange(10)
+        low, high = (cells + each[0, j, 0, 0] for each in (sets.low, sets.high))
+        gone = (safe[0] & (high < -1)) | (safe[1] & (low > 10))
+        clear = sets.is_clear(0, j, np.array(np.unravel_index(numbers, (10, 10))))
+        assert found.tolist() == (clear & np.repeat(gone, 10)).tolist() and found.any() == safe[way > 0]

@@ -214,7 +214,11 @@ def test_cells_are_looked_up_as_sums_count_them(periodic, rng, tmp_path):
     sets.problem.periodic = np.array(periodic)
     cells = rng.random(sets.counts) < 0.995
     words = np.packbits(np.pad(cells, ((0, 0), (0, -cells.shape[1] % 64))), axis=1, bitorder="little").view(np.uint64)
-    sets.pool, sets.low, sets.high = words, np.zeros((1, 1, 1, 2), np.int16), np.full((1, 1, 1, 2), 60, np.int16)
+    sets.pool, sets.low, sets.high = (
+        words,
+        np.zeros((1, 1, 1, 2), np.int16),
+        np.array([48, 10], np.int16).reshape(1, 1, 1, 2),
+    )
     first = rng.integers(-12, 50, (2, 1000))
     past = first + rng.integers(1, [[50], [12]], (2, 1000))
     # The second of the two sets has the rows of the first in another order.

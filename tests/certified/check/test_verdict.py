@@ -86,9 +86,12 @@ def test_what_is_asked_for_is_looked_at(plane):
         made, checked, beside = some[name]
         assert 0 < made == checked < every[name][0] == made + beside == every[name][1] and not every[name][2]
     assert all(made == checked for name, (made, checked, _) in (some | every).items())
+    for name in (CLEAR, "one step nearer", "in the target, and safe"):
+        assert 0 < few[name][1] < few[name][0]
     inside = few[CLEAR][1] + few["one step nearer"][1]
     assert 0 < inside < some[CLEAR][0] and inside != other[CLEAR][1] + other["one step nearer"][1]
     assert {name: one[0] for name, one in few.items()} == {name: one[0] for name, one in some.items()}
+    assert made_and_checked(verify(plane, samples=10**6, progress=False)).items() <= some.items()
 
 
 @pytest.mark.parametrize("progress", [True, False, None, "terminal", "none"])
