@@ -20,27 +20,36 @@ def part_of(cell, duration=0.0, push=0.0):
     return np.array([*cell, 0.0, duration, -push, push, -push, push])
 
 
-@pytest.mark.slow
 def test_no_point_of_the_arm_is_farther(rng):
     """`farthest` bounds samples of a box, and by little where the box is small."""
+    corners = np.array(list(itertools.product((-1, 1), repeat=2)))
     for turn, size in itertools.product((0.0, 1.0), (0.02, 0.3, 1.5)):
-        arm = np.array([0.15, 0.2, turn])
+        l1, l2 = 0.15, 0.2
         for _ in range(30):
             q, d, angle = rng.uniform(-3, 3, 2), rng.uniform(0, size, 2), rng.uniform(-np.pi, np.pi)
             box = np.array([q[0] - d[0], q[0] + d[0], q[1] - d[1], q[1] + d[1], 0, 0, 0, 0, 0, 0])
-            pose, n = separation.pose_of(box, arm), np.array([math.cos(angle), math.sin(angle)])
-            corners = np.array(list(itertools.product((-1, 1), repeat=2)))
-            shares = np.concatenate([rng.uniform(-1, 1, (300, 2)), corners])
-            found = [-np.inf, -np.inf]
-            for q1, q2 in q + shares * d:
-                elbow, tip = naive.elbow_and_tip(q1, q2, arm)
-                found[0] = max(found[0], 0.0, n @ elbow)
-                found[1] = max(found[1], n @ elbow, n @ tip)
-            for link in (0, 1):
-                bound = separation.farthest(n[0], n[1], link, pose, turn)
-                assert bound >= found[link] - 1e-12
+            pose = separation.pose_of(box, np.array([l1, l2, turn]))
+            q1, q2 = (q + np.concatenate([rng.uniform(-1, 1, (300, 2)), corners]) * d).T
+            elbow = l1 * np.cos(q1 - angle)  # along the direction
+            tip = elbow + l2 * np.cos(turn * q1 + q2 - angle)
+            for link, found in enumerate((max(elbow.max(), 0.0), max(elbow.max(), tip.max()))):
+                bound = separation.farthest(math.cos(angle), math.sin(angle), link, pose, turn)
+                assert bound >= found - 1e-12
                 if size == 0.02:  # the corners hold all but terms of second order, each below l d^2 with d <= 0.04
-                    assert bound - found[link] < 0.35 * 0.04**2
+                    assert bound - found < 0.35 * 0.04**2
+
+
+def test_what_is_reached_holds_every_push_and_time(arm_world):
+    """Each joint is pushed by what is its own."""
+    world, box = arm_world(), np.empty(10)
+    part = np.array([0.1, 0.2, -0.4, -0.2, 0.0, 0.1, 0.2, 0.3, 0.05, 0.1, -0.5, 0.2, 0.3, 1.1])
+    for j, (one, two) in enumerate(itertools.product((-4.0, 0.0, 4.0), repeat=2)):
+        separation.moved(part, world.inputs[j], world, box)
+        for joint, u in ((0, one), (1, two)):
+            pushes = part[10 + 2 * joint : 12 + 2 * joint]
+            ends = [q + (u + v) * t for q in part[2 * joint : 2 * joint + 2] for v in pushes for t in (0.05, 0.1)]
+            assert box[2 * joint : 2 * joint + 2] == pytest.approx([min(ends), max(ends)], abs=2e-10)
+        assert box[4:] == pytest.approx([-0.06, 0.16, 0.14, 0.36, 0.05, 0.1], abs=2e-10)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.03])
