@@ -803,6 +803,18 @@ FORGERIES: dict[str, Forgery] = {
         only_clear(0, 85),
         becomes=lambda: stream(rock=(1.73, 0.5, 0.02), pace=-13.0, ways=(1,)),
     ),
+    "a rock that comes to a lower wall": Forgery(
+        "out to the left",
+        CLEAR,
+        only_clear(0, 5),
+        becomes=lambda: stream(ends=("wall", "safe"), rock=(-0.73, 0.5, 0.02), pace=13.0, ways=(-1,)),
+    ),
+    "a rock that comes to an upper wall": Forgery(
+        "out to the right",
+        CLEAR,
+        only_clear(0, 95),
+        becomes=lambda: stream(ends=("safe", "wall"), rock=(1.73, 0.5, 0.02), pace=-13.0, ways=(1,)),
+    ),
     "a rock at a safe end": Forgery("stream", CLEAR, only_clear(0, 5), becomes=lambda: stream(rock=(0.05, 0.5, 0.04))),
     "a rock at the upper safe end": Forgery(
         "stream", CLEAR, only_clear(1, 95), becomes=lambda: stream(rock=(0.95, 0.5, 0.04))
@@ -828,6 +840,7 @@ FORGERIES: dict[str, Forgery] = {
     "arrivals of predictions": Forgery("sensed", "states that are known", arrives_unknown),
     "a goal of another time": Forgery("tide", GOAL, lambda told, arrays: goals_of_step_0(told, arrays)),
     "a goal beside an error": Forgery("sensed", GOAL, a_cell_more(0)),
+    "a goal beside a prediction": Forgery("spread", GOAL, a_cell_more(0)),
     "a goal beside an uncertain clock": Forgery("sensed", GOAL, lambda told, arrays: goal_by_the_post(told, arrays)),
     "a goal behind an uncertain clock": Forgery(
         "sensed in the target", GOAL, lambda told, arrays: goal_by_the_post(told, arrays, -1)

@@ -318,16 +318,6 @@ def test_an_input_of_a_cell_in_no_set_is_refused(tmp_path, field):
     assert claim.failed == cells * (1 if field == "select" else len(words.inputs)) > 0
 
 
-def test_inputs_of_cells_that_are_not_promised_are_counted(tmp_path):
-    made("plane").save(tmp_path / "table.npz")
-    (tmp_path / "sdhj_table.bin").write_bytes(exported("plane"))
-    words = Words(tmp_path / "sdhj_table.bin")
-    with head_and_arrays(tmp_path / "table.npz") as (head, arrays):
-        each = [{one.name: one for one in claims(words, Argument(head, arrays), every)} for every in (True, False)]
-    whole, some = (one["exported: clear"] for one in each)
-    assert 0 < some.made < whole.made == some.made + some.beside and not whole.beside
-
-
 def cell_by_cell(name, words):
     """How many claims words make of cells that are promised, and of others, and what is false: by fields, in loops."""
     table, found = made(name), {field: [0, 0, []] for field in FIELDS}
