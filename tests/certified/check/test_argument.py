@@ -9,6 +9,7 @@ from forged_robots import file_of
 
 from sdhj.certified.check import argument
 from sdhj.certified.check.argument import Argument, everywhere, failing, in_slabs, in_tiles, left_open, some_of, spread
+from sdhj.certified.check.claims import ARRIVE, COVER, GROW, PREDICTED, Claim
 from sdhj.certified.check.reading import head_and_arrays
 
 
@@ -223,3 +224,15 @@ def test_who_has_left_by_a_cell_over_a_safe_end_is_in_no_need_of_a_set(safe, tmp
         gone = (safe[0] & (high < -1)) | (safe[1] & (low > 10))
         clear = sets.is_clear(0, j, np.array(np.unravel_index(numbers, (10, 10))))
         assert found.tolist() == (clear & np.repeat(gone, 10)).tolist() and found.any() == safe[way > 0]
+
+
+def test_each_input_step_and_black_box_is_a_claim(tmp_path):
+    """Of predictions one for each input, also without a delay; of sets that grow one for each step and steps to go."""
+    for name, predicted, pairs in (("calming", 3, 4), ("crossed", None, 10)):
+        sets = read(name, tmp_path)
+        found = {claim.name: (claim.made, claim.checked) for claim in sets.claims(samples=1)}
+        assert found.get(PREDICTED, (None,) * 2) == (predicted,) * 2 and found[GROW] == (pairs,) * 2
+        assert found[COVER] == (sets.problem.ndim,) * 2 and (ARRIVE in found) == (name == "crossed")
+    sets.problem.trusted = {"unsafe 1", "drift"}
+    *_, last = sets.claims(samples=1)
+    assert last == Claim("rests on what is stated of drift, unsafe 1", 0, 0, [])
