@@ -657,7 +657,7 @@ def test_cells_that_do_not_cover_are_found():
     for axis, changes in (
         (0, {2: Fraction(22, 7) * 2, 3: Fraction(22, 7) * 2}),
         (1, {2: 2 * PI[1]}),
-        (1, {2: 2 * PI[0] - Fraction(1, 10**12)}),
+        (1, {2: 2 * PI[0] - Fraction(2, 10**13)}),
         (1, {3: 2 * PI[0]}),
         (0, {1: PI[0] / 16}),
         (1, {1: 2 * PI[1] / 31}),

@@ -87,6 +87,17 @@ def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
     assert np.mean([proved for proved, share in outcomes if share > 1.05]) > 0.9
 
 
+def test_a_tip_is_inside_by_more_than_states_are_off(arm_world):
+    """A stretched arm, whose tip is in the middle of the target, by errors of an axis; or by that of any state."""
+    stack, goal = np.empty((separation.STACK, separation.BOUNDS)), np.array([0.3, *[0.0] * 7])
+    chased = [(True, 0, 0.006), (True, 1, 0.003), (True, None, 4e-11)]
+    flees = [(False, 0, 0.006), (False, 2, 0.02), (False, 3, 0.02), (False, None, 1.4e-10)]
+    for is_chased, axis, least in chased + flees:
+        world = arm_world()._replace(off=0.02 * (np.arange(4) == axis), chased=is_chased, target=goal)
+        for goal[7], expected in ((0.9 * least, False), (1.1 * least + 1e-9, True)):
+            assert separation.tip_inside(pose(0, 0, 0.3, 0.0), 0.0, world, stack) == expected, (is_chased, axis)
+
+
 @pytest.mark.parametrize("kinematics", ["relative", "printed"])
 @pytest.mark.slow
 def test_what_is_proved_clear_is_clear(kinematics, arm_world, rng):
