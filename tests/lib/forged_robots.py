@@ -978,6 +978,10 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
         lambda told: lines(told, "bounds").__setitem__(-1, "return 0 0 0"),
         "as many results for",
     ),
+    "bounds of too many disturbances": (
+        lambda told: lines(told, "bounds").__setitem__(-1, "return" + 4 * 1001 * " 0"),
+        "as many results for",
+    ),
     "another format": (lambda told: told["formulas"].update(format=2), "of format 1"),
     "a line": (lambda told: lines(told, "drift").insert(0, "halt 0"), "of drift: an operation"),
     "results": (lambda told: lines(told, "drift").__setitem__(-1, "return 0"), "drift must have 8 results"),
