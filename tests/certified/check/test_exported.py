@@ -498,8 +498,8 @@ def test_what_is_no_body_is_refused(name):
         _body(body, 0, 5, 1)
 
 
-@pytest.mark.parametrize("many", [1, 100, 1 << 20])
-@pytest.mark.parametrize("name", ["plane", "standing", "tide"])
+@pytest.mark.parametrize("many", [1, 1 << 20])
+@pytest.mark.parametrize("name", ["standing", "tide"])
 def test_words_of_cells_are_found_cell_by_cell(name, many, tmp_path, monkeypatch):
     """Also where few rows of blocks are looked at at once."""
     (tmp_path / "sdhj_table.bin").write_bytes(exported(name))
@@ -508,7 +508,7 @@ def test_words_of_cells_are_found_cell_by_cell(name, many, tmp_path, monkeypatch
     for start in {0, words.starts - 1}:
         slices, found = zip(*words.ids(start), strict=True)
         assert [*np.r_[slices]] == [*range(math.prod(words.counts))] if len(slices) > 1 else slices[0].start == 0
-        assert len(slices) == {1: words.blocks[0], 1 << 20: 1}.get(many, len(slices))
+        assert len(slices) == (1 if many > 1 else words.blocks[0])
         expected = []
         for cell in np.ndindex(*words.counts):
             block, own = zip(*map(divmod, cell, words.sides.tolist()), strict=True)
