@@ -60,6 +60,9 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
     for more in ({"steps": 3}, {"delta": 0.15}):
         with pytest.raises(ValueError, match="bound on rounding"):
             world(late | more, {}, 0, 1)
+    for sensing in ({"delay": 0.03}, {"jitter": 0.03}):
+        with pytest.raises(ValueError, match="bound on rounding"):
+            world(late | {"target": STILL}, sensing, 0, 1)
 
 
 def disks(path):
