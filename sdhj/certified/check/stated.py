@@ -386,7 +386,7 @@ class Problem:
                     "gain": f"d{self.names[axis % self.ndim]}/dt: v{component + 1} *",
                 }.get(name, f"d{self.names[axis % self.ndim]}/dt: {name}")
                 # A product with what may be a sum.
-                texts = [f"({row[k]})" if name == "gain" else row[k] for row in own]
+                texts = [f"({row[k]})" if name == "gain" and " " in row[k] else row[k] for row in own]
                 # Only inputs that follow each other are put together.
                 for text, some in groupby(range(self.count), texts.__getitem__):
                     numbers = [*some]

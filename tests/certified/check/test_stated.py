@@ -64,7 +64,7 @@ velocities, drift + gain v with |v| <= bounds:
   dx1/dt: drift -1.0    [u0]
   dx1/dt: drift 0.0    [u1]
   dx1/dt: drift 1.0    [u2]
-  dx1/dt: v1 * (1.0)
+  dx1/dt: v1 * 1.0
 target, target:
   abs(x1) - 1.0 <= 0
 {sets}"""
@@ -111,9 +111,9 @@ velocities, drift + gain v with |v| <= bounds:
   dx1/dt: drift -1.0    [u0]
   dx1/dt: drift 1.0    [u1]
   dx2/dt: drift 0.0
-  dx1/dt: v1 * (0.1)
-  dx1/dt: v2 * (0.0)
-  dx2/dt: v1 * (0.0)
+  dx1/dt: v1 * 0.1
+  dx1/dt: v2 * 0.0
+  dx2/dt: v1 * 0.0
   dx2/dt: v2 * (0.2 + 0.1 * x1)
 target, target:
   abs(x1) - 0.5 <= 0""",
@@ -136,8 +136,8 @@ velocities, drift + gain v with |v| <= bounds:
   dx2/dt: drift -3.0    [u0]
   dx2/dt: drift 0.0    [u1]
   dx2/dt: drift 3.0    [u2]
-  dx1/dt: v1 * (0.0)
-  dx2/dt: v1 * (1.0)""",
+  dx1/dt: v1 * 0.0
+  dx2/dt: v1 * 1.0""",
     ),
     "not linear, with names, and a set on the second axis": (
         lambda: replace(
@@ -189,7 +189,7 @@ unsafe, {100 * "a"}:
                 "velocities, drift + gain v with |v| <= bounds:",
                 "  |v1| <= 0.2",
                 f"  drift: {OPAQUE}",
-                *(f"  dx1/dt: v1 * ({j}.0)    [u{j}]" for j in range(40)),
+                *(f"  dx1/dt: v1 * {j}.0    [u{j}]" for j in range(40)),
                 "  and 5 lines more",
                 "target, target:",
                 "  abs(x1) - 1.0 <= 0",
