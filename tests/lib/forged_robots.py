@@ -891,7 +891,6 @@ FORGERIES: dict[str, Forgery] = {
         ),
         beside=hidden,
     ),
-    "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=1e6)),
     "nobody's black box": Forgery("hidden", "have the black box"),
     "the black box of another": Forgery("hidden", "have the black box", beside=line),
     "a black box among fewer sets": Forgery("hidden", "have the black box", beside=lambda: line(unsafe=[])),

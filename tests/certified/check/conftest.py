@@ -15,7 +15,7 @@ from sdhj.certified.check.arm.separation import World
 
 @pytest.fixture
 def checked_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The checker as the plain Python that it is: to compile it takes half a minute, which `test_claims` does."""
+    """The checker as the plain Python that it is: to compile it takes half a minute, which `test_claims` waits for."""
     run_plainly(monkeypatch, "sdhj.certified.check")
 
 

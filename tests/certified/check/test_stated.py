@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zoo
-from forged_robots import WIND, cart, file_of, hidden, line, plane, ring, veering
+from forged_robots import cart, file_of, hidden, line, plane, ring, veering
 from forging import FORGERIES, forged, replaced
 
 import sdhj
@@ -18,33 +18,6 @@ from sdhj.certified.check.sampled import InMemory
 from sdhj.certified.check.stated import BlackBox, Problem, shortened
 from sdhj.problem.describing import arrays_of
 from sdhj.table.files import make_head
-
-
-def saved(problem, path, cells=(60, 60)):
-    table = sdhj.solve(problem, sdhj.Certified(cells=cells, parts=3), progress=False)
-    assert table.fraction(start=0, within=3) > table.fraction(start=0, within=0) > 0
-    table.save(path)
-    return path
-
-
-def flow(q, u, v, t):
-    along = u[0] + v[0] * (1.0 + 0.5 * v[1]) * np.cos(t)
-    return np.stack([np.full(len(q), along), u[1] + 0.1 * np.abs(v[1]) * (q[:, 0] + 0.3)], axis=1)
-
-
-ROBOTS = {
-    "a disk that passes": {},
-    "not linear in the adversary": {"drift": None, "gain": None, "velocity": flow},
-    "bounds that depend on time": {"bounds": lambda q, u, t: np.stack([0.1 + 0.05 * np.sin(t), 0.1])},
-    "a wind from a table": {"drift": lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1)},
-    "a black box": {
-        "drift": sdhj.BlackBox(
-            lambda q, u, t: np.stack([u[0] + 0.1 * np.sin(q[:, 1]), 0.0 * q[:, 0] + u[1]], axis=1),
-            slope=[[0.0, 0.1], [0.0, 0.0]],
-            rate=0.0,
-        )
-    },
-}
 
 
 def mixed(q, u, v, t):
@@ -211,37 +184,6 @@ def test_a_problem_is_printed_as_it_was_read(name):
 def test_as_many_lines_are_printed_as_there_is_room_for():
     assert shortened(["a"] * 40) == ["  a"] * 40
     assert shortened(["a"] * 41) == ["  a"] * 40 + ["  and 1 lines more"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ROBOTS)
-def test_robots_of_all_kinds_are_proved(name, tmp_path):
-    problem = plane(**ROBOTS[name])
-    path = saved(problem, tmp_path / "plane.npz")
-    verdict = verify(path, problem if problem.opaque else None, samples=400, progress=False)
-    assert verdict.ok, str(verdict)
-    assert ("is stated of drift" in str(verdict)) == (name == "a black box")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [1.0, 1.5])
-def test_an_adversary_that_does_not_enter_linearly(share, tmp_path):
-    """u + v again, v written as |v + 1| - 1, so that only its range over the box tells what it does."""
-    path = saved(plane(), tmp_path / "plane.npz")
-    lines = ["p 1", "p 2", "const 0x1p+0", f"const {share.hex()}"]
-    for v in (0, 1):
-        n = len(lines)
-        lines += [f"add {v} 2", f"abs {n}", f"sub {n + 1} 2", f"mul {n + 2} 3"]
-    lines += ["const -0x1p+0", "const 0x0p+0"]  # numbers 12 and 13
-    pairs = [(u, v) for along in ((2, 13), (12, 13), (13, 2), (13, 12)) for u, v in zip(along, (7, 11), strict=True)]
-    results = range(len(lines), len(lines) + len(pairs))
-    lines += [*(f"add {u} {v}" for u, v in pairs), " ".join(["return", *map(str, results)])]
-    with forged(path, named=True) as (told, _):
-        functions = told["formulas"]["functions"]
-        del functions["drift"], functions["gain"]
-        functions["velocity"] = {"coordinates": 2, "parameters": 3, "lines": lines}
-    verdict = verify(path, samples=200, progress=False)
-    assert verdict.ok == (share == 1.0), str(verdict)
 
 
 @pytest.mark.parametrize("forgery", [name for name in FORGERIES if name != "too short"])
