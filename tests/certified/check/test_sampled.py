@@ -165,6 +165,47 @@ def test_what_is_told_of_a_look_is_counted_and_named():
     assert sampled.named(1, 7, np.array([2, 5])) == "step 1, cell (1, 2)"
 
 
+@pytest.mark.parametrize("name", ["turning", "tide"])
+def test_what_fails_is_named_by_its_place(name, few, monkeypatch, tmp_path):
+    """Of each kind every second cell, place or site: all that were asked about, and no others."""
+    told, arrays = parts_of(name, tmp_path)
+    sets, wrong = Argument(told, sampled.InMemory(arrays)), set()
+
+    def even(kind, step, numbers, counts, behind=()):
+        for number, more in zip(numbers.tolist(), [*behind] or [""] * numbers.size, strict=True):
+            if number % 2 == 0:
+                wrong.add(f"{kind}step {step}, cell {tuple(map(int, np.unravel_index(number, counts)))}{more}")
+        return numbers % 2 > 0
+
+    def of_axes(some):
+        return [n if one else 1 for n, one in zip(sets.counts.tolist(), some, strict=True)]
+
+    def not_led(_, numbers, into, step, __):
+        within = {sets.number(step + 1, n): f", within {n + 1}" for n in range(sets.problem.steps - step)}
+        behind = map(within.__getitem__, into.tolist())
+        return np.flatnonzero(~even(f"{NEARER}: ", step, numbers, sets.counts, behind))
+
+    def moves_hold(_, step, j, places, __):
+        return even(f"{MOVES}: input {j}, ", step, places, of_axes(sets.known))
+
+    def clear_of(_, one, step, j, numbers, __):
+        return even(f"{CLEAR}: input {j}, ", step, numbers, of_axes(one.own))
+
+    def arrivals_hold(_, step, sites, __):
+        return even(f"{ARRIVE}: ", step, sites, of_axes(sets.sites > 0))
+
+    monkeypatch.setattr(Argument, "goals_hold", lambda _, step, cells: even(f"{GOALS}: ", step, cells, sets.counts))
+    monkeypatch.setattr(Argument, "not_led", not_led)
+    monkeypatch.setattr(Argument, "moves_hold", moves_hold)
+    monkeypatch.setattr(Argument, "arrivals_hold", arrivals_hold)
+    monkeypatch.setattr(sampled, "clear_of", clear_of)
+    monkeypatch.setattr(sampled, "SHOWN", 10**6)
+    _, _, found = sampled.looked_over(told, arrays, None)
+    # which input an arrival is asked about under is not handed over
+    assert {re.sub(f"({ARRIVE}: )input \\d+, ", r"\1", one) for one in found} == wrong
+    assert {one.split(": ")[0] for one in found} == {GOALS, NEARER, MOVES, CLEAR, ARRIVE}
+
+
 WHOLE = {  # what is looked at whole, of however many claims
     "cells": ("line", "cells cover the axes: axis 0", lambda told, arrays: told["cells"].update(widths=["99/1000"])),
     "sets": (
