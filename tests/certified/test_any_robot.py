@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import zoo
 from click.testing import CliRunner
-from forging import describe, forged
 from naive_certified import states_in
 from zoo import car
 
@@ -88,33 +87,6 @@ def test_a_hill_pushes_outward_from_its_top(tmp_path):
     assert (verdict := verify(tmp_path / "hill.npz", progress=False)).ok, str(verdict)
     report = sdhj.monte_carlo(sdhj.Controller(table), 500, "worst", seed=0, progress=False)
     assert report.counts["reached"] == 500
-
-
-@pytest.mark.slow
-def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
-    """A stream to the right, three cells a step: the cells at its safe end are proved because they leave."""
-
-    def stream():
-        return zoo.plane(
-            grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["safe", "wall"]),
-            dynamics=sdhj.Dynamics([[0.0]], [[3.0, 0.0]], np.eye(2), [0.0, 0.0]),
-            target=None,
-            unsafe=[zoo.post(0.5, 0.5, 0.2)],
-            delta=0.1,
-            steps=4,
-        )
-
-    table = sdhj.solve(stream(), sdhj.Certified(cells=(10, 10)), progress=False)
-    gone = table.contains([[0.95, 0.5], [0.05, 0.5], [0.05, 0.9]], start=0, within=4)
-    assert gone.tolist() == [True, False, True]
-    table.save(tmp_path / "stream.npz")
-    assert (verdict := verify(tmp_path / "stream.npz", progress=False)).ok, str(verdict)
-    walled = replace(stream(), grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["unsafe", "wall"]))
-    describe(tmp_path / "stream.npz", walled)
-    with forged(tmp_path / "stream.npz", named=True) as (told, _):
-        told["proof"]["clear"][0].update(ends=[0])
-    verdict = verify(tmp_path / "stream.npz", progress=False)
-    assert any(claim.name.startswith("clear") and claim.failed for claim in verdict.claims)
 
 
 def test_the_command_checks_a_robot_of_ones_own(tmp_path, monkeypatch):

@@ -101,19 +101,6 @@ def test_recursion_agrees_with_the_twin(small, clear):
 
 
 @pytest.mark.slow
-def test_evader_is_certified_too(rng):
-    problem = sdhj.evader_case_study(
-        nodes=9, steps=2, u_max=4.0, v_d_max=1.0, v_e_max=0.3, input_levels=3, evader_radius=0.14, obstacles=()
-    )
-    table = sdhj.solve(problem, sdhj.Certified(cells=(63, 63, 24, 24), parts=4), progress=False)
-    assert table.fraction(start=0, within=2) > table.fraction(start=0, within=0) > 0.001
-    states = naive.states_in(table, rng, 2000)
-    inside = table.contains(states, start=0, within=0)
-    assert (problem.target_value(states[inside], 0.0) < 0).all() and inside.any()
-    naive.assert_runs_succeed(table, states, rng)
-
-
-@pytest.mark.slow
 def test_every_certified_state_has_an_input(small, clear, rng):
     """In every certified cell, and exactly the inputs that the recursion found there, but for the halved margin."""
     problem, motion = small.problem, small.proof.motion

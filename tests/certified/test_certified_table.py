@@ -112,13 +112,3 @@ def test_cells_that_are_no_numbers_of_cells(cells):
 def test_cells_are_one_number_for_each_axis():
     with pytest.raises(ValueError, match="cells"):
         Certified(cells=[40, 40]).sets(interval_problem(steps=1))
-
-
-@pytest.mark.slow
-def test_a_table_in_memory_is_verified():
-    proved = sdhj.solve(interval_problem(), Certified(cells=(64,)), progress=False, play=False)
-    assert (verdict := proved.verify(progress=False)).ok and "one step nearer" in str(verdict)
-    assert proved.verify(everywhere=True, progress=False).ok and proved.verify(samples=5, progress=False).ok
-    pool = proved.pool.copy()
-    pool[1:, 0] = ~np.uint64(0)
-    assert not dataclasses.replace(proved, pool=pool).verify(progress=False).ok

@@ -167,7 +167,7 @@ def test_what_may_be_measured_is_looked_up_by_boxes_too(monkeypatch, memory):
     )
     for problem in (turns, joint(0.05, 0.02, memory)):
         table = solved(problem, 60, 50)
-        q = np.random.default_rng(2).uniform(problem.grid.lower, problem.grid.upper, (1000, 2))
+        q = np.random.default_rng(2).uniform(problem.grid.lower, problem.grid.upper, (300, 2))
         by_boxes, by_cells = [], []
         for most, found in ((0, by_boxes), (10**9, by_cells)):
             monkeypatch.setattr(table_module, "MANY", most)

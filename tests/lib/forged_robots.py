@@ -384,7 +384,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "standing unsafely": (lambda: standing(ends=("wall", "unsafe")), (40, 10), 2),
     "endless": (lambda: cart(steps=None), (20, 20), 1),
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
-    "bent rail": (lambda: cart(bent=1e-3, steps=None), (80, 80), 2),  # no cells of it move alike
+    "bent rail": (lambda: cart(bent=1e-3, steps=None), (40, 40), 2),  # no cells of it move alike
     "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 1),
     "growing": (growing, (40,), 1),
     "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
@@ -427,7 +427,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
     "hidden": (hidden, (80,), 1),
     "hidden and moving": (lambda: hidden(pace=0.5, rate=0.5), (80,), 2),
-    "windy": (windy, (20, 20), 2),
+    "windy": (windy, (12, 12), 2),
     "turned by gusts": (turned_by_gusts, (20, 20), 2),
 }
 
@@ -665,7 +665,6 @@ def both_ends(told: Told, arrays: Any) -> None:
     told["proof"]["clear"][0].update(ends=[0, 1])
 
 
-FURTHER = [f"const {(3.0 + 1e-10).hex()}", "x 0", "sub 0 1"]
 FORGERIES: dict[str, Forgery] = {
     # cells
     "cells that begin elsewhere": Forgery("line", COVER, head(lambda told: told["cells"].update(lowers=["-39/10"]))),
@@ -773,13 +772,10 @@ FORGERIES: dict[str, Forgery] = {
     "an input where it is forbidden": Forgery("forbidden", CLEAR, clears(2, 18)),
     "a set that is closed": Forgery("line", CLEAR, level("unsafe 0", "const 0x0p+0")),
     "a set nearer than rounding": Forgery(
-        "line", CLEAR, both(level("unsafe 1", *FURTHER), only_clear(1, 69)), becomes=lambda: line(push=0.0)
-    ),
-    "a moving set nearer than rounding": Forgery(
-        "crossed",
+        "line",
         CLEAR,
-        both(level("unsafe 0", *FURTHER, "p 0", "const 0x1p-50", "mul 3 4", "add 2 5"), only_clear(1, 69)),
-        becomes=lambda: crossed(push=0.0),
+        both(level("unsafe 1", f"const {(3.0 + 1e-10).hex()}", "x 0", "sub 0 1"), only_clear(1, 69)),
+        becomes=lambda: line(push=0.0),
     ),
     "out by the upper end": Forgery("line", CLEAR, clears(2, 79)),
     "out by the lower end": Forgery("line", CLEAR, clears(0, 0)),
@@ -840,7 +836,6 @@ FORGERIES: dict[str, Forgery] = {
     "arrivals of predictions": Forgery("sensed", "states that are known", arrives_unknown),
     "a goal of another time": Forgery("tide", GOAL, lambda told, arrays: goals_of_step_0(told, arrays)),
     "a goal beside an error": Forgery("sensed", GOAL, a_cell_more(0)),
-    "a goal beside a prediction": Forgery("spread", GOAL, a_cell_more(0)),
     "a goal beside an uncertain clock": Forgery("sensed", GOAL, lambda told, arrays: goal_by_the_post(told, arrays)),
     "a goal behind an uncertain clock": Forgery(
         "sensed in the target", GOAL, lambda told, arrays: goal_by_the_post(told, arrays, -1)
@@ -909,7 +904,6 @@ FORGERIES: dict[str, Forgery] = {
     "a clock that is off, and a tide": Forgery(
         "tide", "with jitter the velocity", head(lambda told: told.update(sensing={"jitter": 0.05}))
     ),
-    "predictions nearer than measurements": Forgery("spread", "predictions are off by", off_by(0.04)),
 }
 
 
@@ -995,17 +989,14 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "axes twice": (lambda told: told["sets"][1].update(axes=[0, 0]), "axes of a set"),
     "kinds": (lambda told: told["sets"].reverse(), "must be a target"),
     "ends": (lambda told: told["grid"].update(ends=[["open", "wall"]] * 2), "safe, unsafe, wall"),
-    "order": (lambda told: told["grid"].update(upper=[-3.0, 2.0]), "upper ends must be 1e-120 above"),
     "seven axes": (lambda told: told["grid"].update(lower=[0.0] * 7), "1 to 6 axes"),
     "no number": (lambda told: told["grid"].update(lower=["0", 0.0]), "lower "),
     "nodes": (lambda told: told["grid"].update(shape=[1, 21]), "numbers of nodes"),
     "infinite": (lambda told: told.update(delta=float("inf")), "delta "),
-    "NaN": (lambda told: told.update(delta=float("nan")), "delta "),
     "delay": (lambda told: told.update(sensing={"delay": -1}), "delay "),
     "error": (lambda told: told.update(sensing={"error": [0.1]}), "error must be 2 numbers"),
     "an error below zero": (lambda told: told.update(sensing={"error": -0.1}), "error "),
     "no inputs": (lambda told: told.update(inputs=[]), "there must be 1 to"),
-    "steps": (lambda told: told.update(steps=2.5), "steps must"),
     "parts": (lambda told: told["proof"].update(parts=0), "parts must"),
     "one cell": (lambda told: told["cells"].update(shape=[1, 30]), "shape must be numbers"),
     "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "as fractions"),
@@ -1040,7 +1031,6 @@ FORGERIES |= {
         "forbidden", "inputs of an unsafe", head(lambda told: told["sets"][1].update(inputs=[3]))
     ),
     "head: memory": Forgery("line", "memory must", head(lambda told: told.update(sensing={"error": 0.1, "memory": 2}))),
-    "head: jitter": Forgery("line", "jitter ", head(lambda told: told.update(sensing={"jitter": 0.3}))),
 }
 
 
@@ -1111,10 +1101,10 @@ def veering():
     return replace(carried(), dynamics=sdhj.Dynamics([[-1.0], [1.0]], drift, gain, [0.5, 0.5]))
 
 
-def swell(way):
+def swell():
     """Carried by 0.25 m and back within one interval, between walls that are 2 m away from 0."""
     wall = sdhj.UnsafeSet((0,), lambda p, t: 2.0 - np.abs(p[:, 0]), name="wall")
-    dynamics = sdhj.Dynamics([[0.0]], lambda q, u, t: u + way * 2.0 * np.sin(5.0 * np.pi * t) + 0.0 * q)
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u, t: u + 2.0 * np.sin(5.0 * np.pi * t) + 0.0 * q)
     return replace(surge(), dynamics=dynamics, unsafe=[wall])
 
 
@@ -1128,7 +1118,7 @@ def between():
 
 
 ROBOTS |= {"parked": (parked, (20, 20), 1), "veering": (veering, (20, 20), 1), "between": (between, (20, 20), 1)}
-ROBOTS |= {"swell": (lambda: swell(1.0), (120,), 3), "ebb": (lambda: swell(-1.0), (120,), 3)}
+ROBOTS |= {"swell": (swell, (120,), 3)}
 ROBOTS |= {"gusts on the left": (lambda: sheltered(-0.5, 0.0), (40, 20), 1)}
 ROBOTS |= {"gusts on the right": (lambda: sheltered(0.0, 0.5), (40, 20), 1)}
 
@@ -1141,12 +1131,6 @@ def whole(name, values):
 
 def of_a_set(number, **fields):
     return head(lambda told: told["sets"][number].update(fields))
-
-
-def empty_images(told, arrays):
-    """Beside a layer: from the first cell past the last."""
-    edit("low", lambda moves: moves[..., 1].fill(3))(told, arrays)
-    edit("high", lambda moves: moves[..., 1].fill(-3))(told, arrays)
 
 
 def fewer_rows(told, arrays):
@@ -1231,21 +1215,17 @@ def no_layers(told, arrays):
 
 FORGERIES |= {
     "own as numbers": Forgery("growing", "axes of a place", whole("proof own", [1])),
-    "own as text": Forgery("growing", "axes of a place", whole("proof own", ["false"])),
-    "an empty image beside a layer": Forgery("standing", "lead to some cell", empty_images),
     "no sets at all": Forgery(
         "line", "there must be sets", lambda told, arrays: put(arrays, index=arrays["index"][()][:0])
     ),
     "a block of no set": Forgery(
         "line", "pool must be kept", lambda told, arrays: put(arrays, pool=np.tile(arrays["pool"][()], (2, 1)))
     ),
-    "an entry less": Forgery("crossed", "sets for each step", fewer_rows),
     "sets of a step that is none": Forgery("cart", "sets for each step", fewer_rows),
     "sets alike while the target moves": Forgery("drifting", "sets for each step", alike),
     "arrivals of a tide": Forgery("tide", ARRIVE, arrives_everywhere(1)),
     "arrivals of a target that moves": Forgery("drifting", ARRIVE, arrives_everywhere(2)),
     "a wall on the way of an axis of no place": Forgery("carried", COVER, places_on_one_axis),
-    "an end without a name": Forgery("line", "safe, unsafe, wall", whole("grid ends", [[None, "unsafe"]])),
     "an axis on which rounding is no share": Forgery(
         "line", "upper ends must be 1e-120 above", head(lambda told: told["grid"].update(lower=[0.0], upper=[1e-323]))
     ),
@@ -1253,9 +1233,6 @@ FORGERIES |= {
     "a second target": Forgery("line", "must be a target", two_targets),
     "no input of a set": Forgery("forbidden", "inputs of an unsafe", of_a_set(1, inputs=[])),
     "inputs of a target": Forgery("line", "inputs of an unsafe", of_a_set(0, inputs=[0])),
-    "inputs of several sizes": Forgery(
-        "line", "an input must be 1 numbers", head(lambda told: told.update(inputs=[[0.0], [0.0, 1.0], [1.0]]))
-    ),
     "truth values that are numbers": Forgery(
         "line",
         "given truth values",
@@ -1266,30 +1243,24 @@ FORGERIES |= {
         ),
     ),
     "a negative delta": Forgery("line", "delta ", head(lambda told: told.update(delta=-0.5))),
-    "a delta that is true": Forgery("line", "delta ", head(lambda told: told.update(delta=True))),
     "two layers": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [2, 1]])),
     "less than no layer": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [-1, 1]])),
-    "layers that are true": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [True, 1]])),
     "a layer where an axis closes, said so": Forgery(
         "standing", COVER, whole("cells periodic", [False, True]), becomes=lambda: standing(periodic=True)
     ),
     "the second of two posts in one": Forgery("two posts in one", CLEAR, clears(1, 69)),
     "layers that are cells": Forgery("standing", COVER, no_layers),
     "unsure of what is measured exactly": Forgery("line", "without a delay", whole("proof unsure", [0.1])),
-    "unsure of more than errors": Forgery("calming", "without a delay", whole("proof unsure", [0.2])),
     "unsure of less than the error on one axis": Forgery(
         "noisy", "predictions are off by", whole("proof unsure", [0.02, 0.01])
     ),
     "unsure of more than the error on one axis": Forgery(
         "noisy", "without a delay", whole("proof unsure", [0.02, 0.2])
     ),
-    "unsure of less than errors": Forgery("remembered", "predictions are off by", whole("proof unsure", [0.05])),
     "a field of the grid": Forgery("line", "no unknown field", whole("grid offset", [0.0])),
     "a field of the cells": Forgery("line", "no unknown field", whole("cells first", [0])),
-    "a field of sensing": Forgery("line", "no unknown field", head(lambda told: told.update(sensing={"bias": 0.1}))),
     "a field of a set": Forgery("line", "no unknown field", of_a_set(1, until=1.0)),
     "cells of an arm": Forgery("line", "those of a robot", whole("cells kind", "arms")),
-    "cells that close": Forgery("line", "close where the axes", whole("cells periodic", [True])),
     "a name that is none": Forgery("line", "a name must", of_a_set(1, name=7)),
     "two velocities": Forgery(
         "line",
@@ -1300,8 +1271,6 @@ FORGERIES |= {
         "cart", "that hold for ever", head(lambda told: told["details"].update(endless=True))
     ),
     "endless in words": Forgery("cart", "endless must", head(lambda told: told["details"].update(endless="no"))),
-    "steps that are true": Forgery("line", "steps must", head(lambda told: told.update(steps=True))),
-    "an axis of a set that is true": Forgery("plane", "axes of a set", of_a_set(1, axes=[False, True])),
     "a rail on too few axes": Forgery("cart", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
     "inputs that are clear of the first wall alone": Forgery("between", NEARER, never_clear_of_the_last),
     "a cart on too few axes for its other inputs": Forgery("parked", DEPENDS, on_axes(([0], [], [0]), ([1], [], [1]))),
@@ -1317,7 +1286,6 @@ FORGERIES |= {
     "an end of another axis": Forgery("line", "ends that inputs are", of_clear(ends=[1])),
     "a set that is none": Forgery("line", "sets that inputs are", of_clear(sets=[0, 1, 2])),
     "an axis twice": Forgery("line", "axes that clear inputs", of_clear(axes=[0, 0])),
-    "axes that are true": Forgery("cart", "axes that clear inputs", of_clear(axes=[False, True])),
     "steps of clear inputs": Forgery("line", "no unknown field", of_clear(starts=1)),
     "clear inputs by name": Forgery("line", "clear must be a", whole("proof clear", {"axes": [0]})),
     "fewer clear inputs": Forgery(
@@ -1336,7 +1304,6 @@ FORGERIES |= {
     "an arrival whose first half is in the target": Forgery("ring", ARRIVE, arrives(2, 119), becomes=before_the_seam),
     "a wall that nobody remembers": Forgery("noisy", MOVES, at_the_wall_to_a_cell, becomes=lambda: noisy(memory=False)),
     "a wall met on the way up and back": Forgery("swell", CLEAR, only_clear(0, 94)),
-    "a wall met on the way down and back": Forgery("ebb", CLEAR, only_clear(0, 25)),
     "a gust from the left alone": Forgery("gusts on the left", MOVES, shifts("low", 1, place=9)),
     "a gust from the right alone": Forgery("gusts on the right", MOVES, shifts("high", -1, place=10)),
     "cells beyond the last": Forgery("line", "no cells that there", edit("pool", lambda pool: pool.fill(2**64 - 1))),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forged_robots import CLEAR, FORGERIES, NEARER, PROMISED, ROBOTS, Forgery, file_of, sets
+from forged_robots import FORGERIES, NEARER, PROMISED, ROBOTS, Forgery, file_of, sets
 from gate import box_beside, refusals
 from parameters import but_slow
 
@@ -13,12 +13,12 @@ import sdhj
 from sdhj.certified.check.argument import Argument
 from sdhj.certified.check.reading import head_and_arrays
 
+WHOLE = ("plane", "noisy", "standing", "tide", "stream", "ring", "cart", "spread", "sensed", "growing", "hidden")
 
-@pytest.mark.parametrize(
-    "name", but_slow(ROBOTS, *(name for name in ROBOTS if name.startswith(("pursued", "windy", "bent"))))
-)
+
+@pytest.mark.parametrize("name", but_slow(ROBOTS, *(name for name in ROBOTS if name not in WHOLE)))
 def test_what_is_true_is_proved(name, tmp_path):
-    """Of all cells: a solve has looked at what is promised."""
+    """Of all cells: what is promised a solve has looked at, and returned no table otherwise."""
     (tmp_path / "true.npz").write_bytes(file_of(name))
     assert [*refusals(tmp_path / "true.npz", box_beside(name))] == []
 
@@ -93,25 +93,6 @@ def test_where_a_search_is_given_up_nothing_is_known(tries, tmp_path, monkeypatc
     monkeypatch.setattr(sdhj.certified.check.argument, "TRIES", tries)
     plain.length = 5.9 / 48.0  # s, until when it grows on
     assert plain.edges[0][1] == 1.0 and plain.driven(np.array([0]), 0, 0, 1)[1][1, 0, 0] >= np.expm1(5.9)
-
-
-def of(claims, words):
-    (one,) = (claim for claim in claims if words in claim.name)
-    return one
-
-
-def test_what_is_not_promised_is_counted(tmp_path):
-    (tmp_path / "true.npz").write_bytes(file_of("plane"))
-    with head_and_arrays(tmp_path / "true.npz") as (told, arrays):
-        plain = Argument(told, arrays)
-    made = {every: [*plain.claims(every)] for every in (True, False)}
-    some, all_of_it = of(made[False], CLEAR), of(made[True], CLEAR)
-    assert 0 < some.checked == some.made < all_of_it.made == some.made + some.beside and not all_of_it.beside
-    promised = plain.promised(0).ravel()
-    assert of(made[False], NEARER).made == of(made[True], NEARER).made and 0 < promised.sum() < promised.size
-    assert "were not looked at" in str(some) and not any("were not looked at" in str(one) for one in made[True])
-    few = of([*plain.claims(True, samples=50, seed=1)], CLEAR)
-    assert 0 < few.checked < few.made == all_of_it.made
 
 
 def test_the_list_of_obligations_is_true():
