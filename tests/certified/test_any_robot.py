@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 import zoo
 from click.testing import CliRunner
-from naive_certified import states_in
-from zoo import car
 
 import sdhj
 from sdhj.certified.check import verify
@@ -23,28 +21,6 @@ from sdhj.cli import main
 CELLS = {2: (50, 50), 3: (24, 24, 24)}
 GROWING = (1, 10)  # seeds of robots whose certified sets grow
 SEEDS = range(int(os.environ.get("SDHJ_ROBOTS", "0"))) or GROWING
-
-
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    table = sdhj.solve(car(), sdhj.Certified(cells=(40, 40, 38), parts=4), progress=False)
-    path = tmp_path_factory.mktemp("car") / "car.npz"
-    table.save(path)
-    return table, path
-
-
-@pytest.mark.slow
-def test_a_car_grows_and_is_proved(saved, rng):
-    table, path = saved
-    assert table.proof.low.shape[2] == 38  # its images by heading alone
-    assert table.fraction(start=0, within=4) > 1.8 * table.fraction(start=0, within=0) > 0.01
-    assert (verdict := verify(path, progress=False)).ok, str(verdict)
-    assert verify(path, samples=500, progress=False).ok
-    report = sdhj.monte_carlo(sdhj.Controller(table), 1000, "worst", seed=1, progress=False)
-    assert report.counts["reached"] == 1000
-    again = sdhj.load(path)
-    states = states_in(table, rng, 500)
-    np.testing.assert_array_equal(again.certified_inputs(states, 0, 4), table.certified_inputs(states, 0, 4))
 
 
 def play_and_check(seed, tmp_path, runs):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from forged_robots import ROBOTS
 from forging import forged
-from naive_certified import SMALL
 from zoo import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
@@ -356,29 +355,6 @@ def test_fields_that_are_not_known_are_refused(tmp_path):
         told["proof"]["normals"] = [[1.0]]
     with pytest.raises(ValueError, match="know; solve it anew"):
         sdhj.load(tmp_path / "table.npz")
-
-
-@pytest.mark.slow
-def test_general_and_arm_agree_on_the_arm(rng):
-    """The arm as any robot, by bounds on its formulas: less than the arm's geometry proves, and a little more."""
-    problem = sdhj.arm_case_study(**(SMALL | {"steps": 1}))
-    general = certified(dataclasses.replace(problem, recipe={}), cells=(32, 32, 5, 5), parts=4)
-    special = certified(problem, cells=(32, 32, 5, 5), parts=4)
-    assert (general.proof.kind, special.proof.kind) == ("enclosed", "arm")
-    arrives = np.broadcast_to(general.proof.arrives[0].reshape(32, 32, 1, 1, -1), (32, 32, 5, 5, 2))
-    arriving = (arrives & naive.clear_bytes(general, 0)).any(axis=-1)
-    for within in (0, 1):
-        rough, fine = general.bits(start=0, within=within), special.bits(start=0, within=within)
-        fine |= arriving if within else False  # of such the arm's own proof knows nothing
-        assert rough.sum() > (0.4 if within else 0.8) * fine.sum() and (rough & ~fine).sum() <= 0.03 * rough.sum()
-    drawn = rng.uniform(problem.grid.lower, problem.grid.upper, (200_000, 4))
-    goals = drawn[general.contains(drawn, start=0, within=0)]  # those too in which the arm's kernels see none
-    assert (
-        len(goals) > 500
-        and (problem.target_value(goals, 0.0) <= 0).all()
-        and (problem.unsafe_value(goals, 0.0) > 0).all()
-    )
-    naive.assert_runs_succeed(general, naive.states_in(general, rng, 1500), rng)
 
 
 def test_cells_whose_sign_is_open_are_looked_at_in_pieces(tmp_path):

@@ -9,7 +9,6 @@ import pytest
 from naive_certified import SMALL
 
 import sdhj
-from sdhj.certified import CertifiedTable
 
 pytestmark = pytest.mark.slow  # the arm's own kernels are compiled
 
@@ -52,20 +51,6 @@ def test_fractions_are_shares_of_volume(small, rng):
     states = rng.uniform(grid.lower, grid.upper, (100_000, 4))
     share = small.in_cells(states, 0, 2).mean()
     assert share == pytest.approx(small.fraction(start=0, within=2), abs=4 * math.sqrt(0.25 / 100_000))
-
-
-def test_sets_survive_a_file(small, tmp_path, rng):
-    small.save(tmp_path / "sets.npz")
-    again = sdhj.load(tmp_path / "sets.npz")
-    assert isinstance(again, CertifiedTable) and again.axes == small.axes and dict(again.details) == dict(small.details)
-    with pytest.raises(sdhj.TableFileError, match="another problem"):
-        sdhj.load(tmp_path / "sets.npz", problem=sdhj.arm_case_study(**(SMALL | {"v_d_max": 1.9})))
-    states = naive.states_in(small, rng, 300)
-    for within in (1, 2):
-        np.testing.assert_array_equal(again.bits(start=0, within=within), small.bits(start=0, within=within))
-        np.testing.assert_array_equal(
-            again.certified_inputs(states, 0, within), small.certified_inputs(states, 0, within)
-        )
 
 
 @pytest.mark.slow

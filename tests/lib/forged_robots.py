@@ -384,7 +384,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "standing unsafely": (lambda: standing(ends=("wall", "unsafe")), (40, 10), 2),
     "endless": (lambda: cart(steps=None), (20, 20), 1),
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
-    "bent rail": (lambda: cart(bent=1e-3, steps=None), (40, 40), 2),  # no cells of it move alike
+    "bent rail": (lambda: cart(bent=1e-3, steps=None), (20, 80), 2),  # no cells of it move alike
     "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 1),
     "growing": (growing, (40,), 1),
     "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),

@@ -34,6 +34,9 @@ def test_an_arm_is_proved_and_with_more_inputs_it_is_not(name, tmp_path):
     added = [table.bits(start=k, within=1) & ~table.bits(start=k, within=0) for k in (0, 1)]
     assert made["one step nearer, within 1"] == np.sum(added) > 100
     assert made["clear of the obstacles"] == table.proof.motion.allowed.sum()
+    again = sdhj.load(path)
+    assert again.axes == table.axes and dict(again.details) == dict(table.details)
+    assert all(np.array_equal(again.bits(start=0, within=n), table.bits(start=0, within=n)) for n in range(3))
     with forged(path) as (_, arrays):
         arrays["allowed"].fill(255)
     assert "clear of the obstacles" in str(verify(path, **few)).split("NOT proved")[0].splitlines()[-1]

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zoo
-from forged_robots import cart, file_of, hidden, line, plane, ring, veering
+from forged_robots import file_of, hidden, line, plane, ring, veering
 from forging import FORGERIES, forged, replaced
 
 import sdhj
@@ -49,7 +49,6 @@ POSTS = "unsafe, post -3:\n  abs(x1 - (-3.0)) - 0.05 <= 0\nunsafe, post 3:\n  ab
 SEAM = "unsafe, behind the seam:\n  x1 - (-3.0) <= 0\nunsafe, before the seam:\n  3.0 - x1 <= 0"
 OPAQUE = "a black box, of which what its author states is believed"
 PRINTED = {  # what is printed of a problem: all of it
-    "a line": (line, LINE.format(**USUAL, sets=POSTS)),
     "forbidden": (
         lambda: line(
             unsafe=[
@@ -68,13 +67,14 @@ PRINTED = {  # what is printed of a problem: all of it
         lambda: replace(ring(), sensing=sdhj.Sensing(0.012345), delta=0.5),
         LINE.format(axis=CLOSED, sensed=MEASURED.format(0, 0, "remembers"), sets=SEAM),
     ),
-    "gains that are sums, of a plane": (
-        veering,
+    "gains that are sums, late and without a target": (
+        lambda: replace(veering(), target=None, delta=0.123456, sensing=sdhj.Sensing(0.0, 0.1, memory=False)),
         """\
 the state, 2 numbers:
   x1 from -1 to 1, ends: wall, wall
   x2 from -1 to 1, ends: unsafe, unsafe
-2 intervals of 0.2 s
+2 intervals of 0.123456 s
+measured up to 0, 0, late by 0.1 s, a clock off by 0 s; does not remember
 2 inputs:
   u0 = (-1)
   u1 = (1)
@@ -87,30 +87,7 @@ velocities, drift + gain v with |v| <= bounds:
   dx1/dt: v1 * 0.1
   dx1/dt: v2 * 0.0
   dx2/dt: v1 * 0.0
-  dx2/dt: v2 * (0.2 + 0.1 * x1)
-target, target:
-  abs(x1) - 0.5 <= 0""",
-    ),
-    "a cart that is late, without a target": (
-        lambda: replace(cart(delta=0.123456), sensing=sdhj.Sensing(0.0, 0.1, memory=False)),
-        """\
-the state, 2 numbers:
-  x1 from -1 to 1, ends: unsafe, unsafe
-  x2 from -1 to 1, ends: unsafe, unsafe
-3 intervals of 0.123456 s
-measured up to 0, 0, late by 0.1 s, a clock off by 0 s; does not remember
-3 inputs:
-  u0 = (-3)
-  u1 = (0)
-  u2 = (3)
-velocities, drift + gain v with |v| <= bounds:
-  |v1| <= 0.2
-  dx1/dt: drift x2
-  dx2/dt: drift -3.0    [u0]
-  dx2/dt: drift 0.0    [u1]
-  dx2/dt: drift 3.0    [u2]
-  dx1/dt: v1 * 0.0
-  dx2/dt: v1 * 1.0""",
+  dx2/dt: v2 * (0.2 + 0.1 * x1)""",
     ),
     "not linear, with names, and a set on the second axis": (
         lambda: replace(
@@ -198,7 +175,7 @@ def test_a_forged_table_is_refused(forgery, tmp_path):
         verify(path, progress=False)
 
 
-@pytest.mark.parametrize("push", [5.0, 9.0, 40.0])
+@pytest.mark.parametrize("push", [5.0, 40.0])
 def test_a_strong_push_is_widened_by_its_own_roundings(push, tmp_path):
     """Moves that are right to the last cell are proved, however far an interval pushes: the product rounds once."""
     problem = zoo.cart(
