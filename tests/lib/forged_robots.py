@@ -389,7 +389,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "growing": (growing, (40,), 1),
     "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
     "growing slowly": (lambda: growing(rate=0.5), (40,), 1),
-    "tide": (tide, (120,), 1),
+    "tide": (tide, (60,), 1),
     "tide at a quay": (lambda: tide(pace=0.0), (60,), 1),
     "blown": (blown, (160,), 1),
     "pushed": (pushed, (80,), 1),
@@ -1243,6 +1243,7 @@ FORGERIES |= {
         ),
     ),
     "a negative delta": Forgery("line", "delta ", head(lambda told: told.update(delta=-0.5))),
+    "a delta that is true": Forgery("line", "delta ", head(lambda told: told.update(delta=True))),
     "two layers": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [2, 1]])),
     "less than no layer": Forgery("standing", "layers must be 0 or 1", whole("cells layers", [[0, 0], [-1, 1]])),
     "a layer where an axis closes, said so": Forgery(
