@@ -67,9 +67,9 @@ def test_no_cells_are_advised_where_a_grid_lacks_the_state():
 
 
 def test_near_its_boundary_a_grid_does_not_tell():
-    few = solved(line(), 17).on_few_nodes
-    here = next(x for x in np.arange(3.4, 6.7, 0.01) if few.contains([[x]])[0]) - 0.01
-    assert solved(line(), 17).explain([here]).helps == (UNDECIDED,)
+    table, places = solved(line(), 17), np.arange(3.4, 6.7, 0.01)
+    first = np.flatnonzero(table.on_few_nodes.contains(places[:, None]))[0]
+    assert first > 0 and table.explain([places[first - 1]]).helps == (UNDECIDED,)
 
 
 @pytest.mark.slow
@@ -130,8 +130,9 @@ def test_where_there_is_no_grid(monkeypatch):
         raise ValueError
 
     monkeypatch.setattr(explaining_module.HJI, "sets", refused)
+    table = solved(line(), 17)
     for q in ([5.4], [4.0]):
-        says = solved(line(), 17).explain(q)
+        says = table.explain(q)
         assert not says.causes and says.helps == (UNKNOWN,)
 
 
