@@ -3,6 +3,7 @@
 import itertools
 import shutil
 import time
+from functools import cache
 
 import make_arms
 import pytest
@@ -25,8 +26,12 @@ def read_to_check(path):
     return file
 
 
-PROBLEM = sdhj.arm_case_study(**make_arms.COMMON, **make_arms.CHASED)
-READERS = {"table": lambda path: sdhj.load(path, problem=PROBLEM), "checker": read_to_check}
+@cache
+def problem():
+    return sdhj.arm_case_study(**make_arms.COMMON, **make_arms.CHASED)
+
+
+READERS = {"table": lambda path: sdhj.load(path, problem=problem()), "checker": read_to_check}
 
 
 @pytest.fixture
