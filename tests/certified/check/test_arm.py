@@ -584,7 +584,8 @@ def test_numbers_of_another_table_end_the_check_of_an_export(name):
         ("target", {}),
     ],
 )
-def test_numbers_that_make_no_sense_are_refused(name, value):
+def test_numbers_that_make_no_sense_are_refused(name, value, monkeypatch):
+    monkeypatch.setattr(arm_claims, "expect_recipe", lambda *_: None)  # to which any other number is wrong
     head, arrays = parts_of("chased")
     head["recipe"]["arguments"][name] = value
     with pytest.raises((ValueError, LookupError, TypeError)):
