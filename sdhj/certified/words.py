@@ -197,10 +197,10 @@ class WordTable:
         if -1 not in places:
             return words.take(places, 0)
         known = np.array(places) >= 0
-        missing, place = np.unique(cells[~known], return_inverse=True)
+        missing, which = np.unique(cells[~known], return_inverse=True)
         made = words_of(table, np.stack(np.unravel_index(missing, table.shape), axis=1), *key)
         found = np.empty((len(cells), made.shape[1]), np.uint32)
-        found[known], found[~known] = words[np.array(places)[known]], made[place]
+        found[known], found[~known] = words[np.array(places)[known]], made[which]
         with self.lock:
             self.keep(missing.tolist(), made)
         return found
